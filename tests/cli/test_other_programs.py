@@ -79,6 +79,7 @@ _SAID = {
     "fov": "60deg",
     "sky": "1e6",
     "invalid": "fill",
+    "invalid-value": "7",
     "resize-depth": "guided",
     "depth-repair": "off",
     "edge-width": "3px",

@@ -75,7 +75,6 @@ def _filled_along_rows(
 
 # What to do about invalid pixels: of most files, and of samples, behind which others may lie.
 _FILL = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
-_UNTURNED = "leave the minus of ‹depth-scale› out, if depth is positive in the file"
 _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 
 
@@ -256,7 +255,7 @@ def require_valid(depth: Depth) -> None:
         what += f", or {depth.top_hole}, the end of its type and far from all others,"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = depth.hole_remedy
-    if remedy not in (_OF_SAMPLES, _UNTURNED) and _is_behind(depth):
+    if remedy != _OF_SAMPLES and _is_behind(depth):
         problem, remedy = _BEHIND
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
@@ -273,8 +272,6 @@ def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat)
         return "render the whole display window, or give the colour alpha; or say ‹invalid› far"
     if samples.is_deep:
         return _OF_SAMPLES
-    if reading.depth_scale is not None and reading.depth_scale < 0:
-        return _UNTURNED
     if reading.relative:
         return "fill the holes; or say ‹invalid› far, or fill"
     return "write a finite radius there" if row.rule == "radius" else _FILL

@@ -105,7 +105,7 @@ def test_nor_do_they_by_compiled_loops(kind):
         image, radius = kind(seed)
         one, other = (render(image, r, left_right=True) for r in (radius, rounded(radius)))
         for a, b in zip((*one.images, one.trust), (*other.images, other.trust), strict=True):
-            assert float((a - b).abs().max()) < ROUNDED
+            assert float((a - b).abs().max()) < 2 * ROUNDED
 
 
 @pytest.mark.parametrize(("seed", "quality"), [(3, "standard"), (4, "standard"), (0, "high")])
