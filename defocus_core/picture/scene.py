@@ -41,13 +41,14 @@ def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
 
 def _scene(surfaces: Surfaces) -> Scene:
     """The scene of surfaces."""
-    from defocus_core.renderer.engine.scene import Surface, with_hidden
+    from defocus_core.renderer.engine.scene import Surface, over, with_hidden
     from defocus_core.renderer.layers.samples import Layered
 
     if surfaces.coverage is None:
         surface = Surface(surfaces.light[0], surfaces.px[0], surfaces.matte)
         return with_hidden(surface, surfaces.hidden)
-    return Layered.of(layers_on(surfaces.light), layers_on(surfaces.px), surfaces.coverage)
+    make = over if surfaces.colors else Layered.of
+    return make(layers_on(surfaces.light), layers_on(surfaces.px), surfaces.coverage)
 
 
 def settings_of(take: Take) -> Settings:

@@ -184,3 +184,24 @@ def test_what_makes_no_scene_is_refused(tmp_path):
     ):
         ran = run("render", *words, "-o", tmp_path / "o", *LENS, "1m")
         refused(ran, exit_code, code, at)
+
+
+@pytest.mark.parametrize("far", [1.0, 1.1])
+def test_behind_nearer_parts_of_an_element_is_the_rest_of_it_and_not_the_plate(far, tmp_path):
+    """An element with alpha 1 all over hides its plate, as if rendered alone."""
+    _, below, _, _ = scene(tmp_path, 0.8, 2.0)
+    is_near = np.arange(SIZE[1]) < SIZE[1] // 2
+    colors = {"R": 0.8, "G": 0.2, "B": 0.5}
+    planes = {n: np.where(is_near, c, 1 - c) * np.ones(SIZE) for n, c in colors.items()}
+    planes["Z"] = np.where(is_near, 0.8, far) * np.ones(SIZE)
+    alone = write(tmp_path / "own" / "a.exr", {n: p.astype("f4") for n, p in planes.items()})
+    planes["A"] = np.ones(SIZE)
+    whole = write(tmp_path / "all" / "a.exr", {n: p.astype("f4") for n, p in planes.items()})
+    planes["A"][:3, -3:] = 0
+    part = write(tmp_path / "part" / "a.exr", {n: p.astype("f4") for n, p in planes.items()})
+    expected = picture(tmp_path / "o", alone)
+    for name, element_file in (("all", whole), ("part", part)):
+        seen = picture(tmp_path / name, element_file, "--over", below)
+        for channel in "RGB":
+            off = np.abs(seen[channel] - expected[channel])[12:, : -SIZE[1] // 4]
+            assert off.max() < 0.02, (name, channel)

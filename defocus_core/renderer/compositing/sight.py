@@ -132,8 +132,7 @@ class Openings(NamedTuple):
         `opaque`: radii [L, h, w] px of the samples of each pixel; inf of those that are clear;
         `radii`: signed radius of each slice in px.
         """
-        opaque = opaque.detach()
-        nearest = opaque.amin(0)
+        nearest = opaque.detach().amin(0)
         position = slice_position(nearest.clamp(max=radii[-1]), radii).ceil().long()
         layer_index = sent(layer_of, nearest)[position]
         none = nearest == torch.inf
@@ -155,7 +154,7 @@ class Openings(NamedTuple):
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
     """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
-    count = int((opaque < torch.inf).sum(0).amax())
+    count = int((opaque.detach() < torch.inf).sum(0).amax())
     if not count:
         return torch.zeros_like(opaque[0])
     opaque = opaque.gather(0, ascending(opaque))[:count]
@@ -172,7 +171,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
     ends = torch.zeros_like(radius, dtype=torch.bool)
     for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
         beside = around[y : y + height - 2, x : x + width - 2].contiguous()
-        above = torch.searchsorted(beside, radius).clamp(max=count - 1)
+        above = torch.searchsorted(beside.detach(), radius.detach()).clamp(max=count - 1)
         steps = [
             (beside.gather(2, index) - radius).abs() for index in (above, (above - 1).clamp(min=0))
         ]
@@ -182,7 +181,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
 
 def _spread(reach: Tensor) -> Tensor:
     """By how many px each pixel [h, w] lies within the reach of another."""
-    for step in range(math.ceil(float(reach.amax())) - 1):
+    for step in range(math.ceil(float(reach.detach().amax())) - 1):
         beside = reach[None, None]
         if step % 2:  # squares and crosses in turn: an octagon is nearly a circle
             beside = torch.maximum(_pooled(beside, 3, 1), _pooled(beside, 1, 3))

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.matting import EDGE, mixed_pixels
+from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
 from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import HiddenLayer, KnownLayer
 from defocus_core.renderer.layers.layer import layers_of as of_picture
@@ -101,6 +102,22 @@ def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
     if not bool((known.mask & (known.signed_radius > surface.signed_radius)).any()):
         return surface
     return Layered.of(*_taken_apart(surface, known))._replace(with_alpha=False)
+
+
+def over(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
+    """The layers of an element and its plate; the element goes on behind nearer parts of itself."""
+    light, radius, cover = colors[0], signed_radius[0], coverage[0]
+    there = cover > 0
+    if not bool(there.any()):
+        return Layered.of(colors, signed_radius, coverage)
+    nearest = torch.where(there, radius, radius[there].amin())  # from which nothing goes on
+    found = hidden_layer(light / torch.where(there, cover, 1.0), nearest)
+    if found is not None:
+        behind = (found.mask & (cover == 1)).to(cover)
+        layers = [(light, radius, cover), (found.color, found.signed_radius, behind)]
+        rest = zip(colors[1:], signed_radius[1:], coverage[1:], strict=True)
+        colors, signed_radius, coverage = _stacked([*layers, *rest])
+    return Layered.of(colors, signed_radius, coverage)
 
 
 def _taken_apart(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
