@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd import gradcheck
 from torch.autograd.forward_ad import dual_level, make_dual
 
-from defocus_core import DefocusLens, RandomDefocus, render
+from defocus_core import DefocusLens, HiddenLayer, RandomDefocus, render
 from defocus_core.allowed_values import QUALITIES
 
 SIZE = (9, 11)
@@ -147,6 +147,32 @@ def test_gradients_to_what_stands_before_a_light_are_exact():
         return render(image, radius, depth_repair="off").render
 
     assert gradcheck(pictures, (image.requires_grad_(), radius), atol=1e-5, fast_mode=True)
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.parametrize(("near", "far"), [(-5.137, 2.317), (0.213, 5.71), (-4.41, -0.77)])
+def test_gradients_before_a_known_layer_are_those_by_differences(near, far, quality):
+    """How far a lens sees past what hides a layer hangs on the radii, and so does its gradient."""
+    drawn = torch.Generator().manual_seed(4)
+    image, color, weigh = torch.rand(3, 3, 26, 34, generator=drawn).double()
+    y, x = torch.arange(26).double()[:, None], torch.arange(34).double()
+    card = ((x - 15).abs() < 6) & ((y - 12).abs() < 7)
+    off = 0.003 * torch.rand(2, 26, 34, generator=drawn).double()
+    radius = torch.where(card, near + 0.013 * x + 0.007 * y, far + 0.011 * x - 0.005 * y) + off[0]
+    behind = far + 0.0537 + 0.017 * x + 0.003 * y + off[1]
+
+    def seen(by):
+        hidden = HiddenLayer(color, behind + by[1], torch.ones_like(card))
+        options: dict[str, Any] = {"quality": quality, "depth_repair": "off", "hidden": hidden}
+        return (weigh * render(image, radius + by[0] * card, **options).render).sum()
+
+    zero = torch.zeros(2, dtype=torch.float64, requires_grad=True)
+    (gradient,) = torch.autograd.grad(seen(zero), zero)
+    for axis in torch.eye(2, dtype=torch.float64):
+        with torch.no_grad():
+            slopes = [float(seen(h * axis) - seen(-h * axis)) / (2 * h) for h in (1e-5, 1e-6)]
+        assert slopes[0] == pytest.approx(slopes[1], rel=1e-4)
+        assert float(gradient @ axis) == pytest.approx(slopes[1], rel=1e-4)
 
 
 def test_gradients_in_float32_are_those_in_float64():
