@@ -27,6 +27,8 @@ from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
 from defocus_core.system.text import counted, software, versions
 
+_SAME = 1e-5  # difference in linear light up to which a pixel is as it was, 3 % of a level
+_SHARP_PX = 0.5  # radius up to which a pixel is in focus
 _SEED_BYTES = 5  # of a seed of noise, of which rows of pictures make others
 
 
@@ -184,7 +186,18 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
         jpeg_quality=outputs.jpeg_quality,
         attributes=attributes,
         has_clipped=not take.inputs.color.within_white,
+        smooth=_blurred(contents) if kind.rendered else None,
     )
+
+
+def _blurred(contents: Contents) -> NDArray[np.bool_]:
+    """The pixels [H, W] that are out of focus, or are not those of the input."""
+    color = contents.take.inputs.color
+    every = zip(contents.planes, (shown(color, plane) for plane in color.planes), strict=False)
+    changed = [abs(plane - own) > _SAME for plane, own in every]
+    blurred = abs(shown(color, contents.take.shown)) > _SHARP_PX
+    found: NDArray[np.bool_] = np.logical_or.reduce([blurred, *changed])
+    return found
 
 
 # Tags of the lens that took a photograph, of which the picture is by another: of a field, or none.

@@ -211,27 +211,50 @@ def _band(
     sums = pad(summed.cumsum(1, dtype=torch.float64), (1, 0))
     inside = sums[:, start + runs.end] - sums[:, start + runs.first]
     beside = _beside(torch.cat([bright[None], light]), dark, level, around)
-    at = (runs.row - top) // coarse_pixel
-    ground = sum(beside[:, at, x // coarse_pixel] for x in (runs.first, runs.end - 1))
-    rim = _rim(own, runs._replace(row=runs.row - rows[0]), level, reach)
-    return runs, torch.cat([inside, ground / 2 * runs.area, rim])
+    ground = _within(beside[:, (runs.row - top) // coarse_pixel], runs, coarse_pixel)
+    rim = _rim(light, bright, runs._replace(row=runs.row - top), level, reach)
+    return runs, torch.cat([inside, ground, rim])
 
 
-def _rim(light: Tensor, runs: Runs, level: float, reach: int) -> Tensor:
+def _within(values: Tensor, runs: Runs, coarse_pixel: int) -> Tensor:
+    """The sums [K, n] over the pixels of runs of values [K, n, W'] of the coarse pixels of rows."""
+    sums, values = pad(values.cumsum(2), (1, 0)), pad(values, (0, 1))
+
+    def up_to(column: Tensor) -> Tensor:
+        at = (column // coarse_pixel)[None, :, None].expand(len(values), -1, 1)
+        whole, part = sums.gather(2, at)[..., 0], values.gather(2, at)[..., 0]
+        return coarse_pixel * whole + column % coarse_pixel * part
+
+    return up_to(runs.end) - up_to(runs.first)
+
+
+def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) -> Tensor:
     """Of the pixels beside each run sums of their number, brightness, weight, and weighted light.
 
-    `light`: [C, h, W] of the rows of runs; `reach`: px to each side; returns [3 + C, n].
+    The mean of those to its sides, and of those above and below it: the same of a picture that lies
+    on its side. `light`: [C, h, W], and `bright`: [h, W] its brightest channel, of the rows of runs
+    and those around; `reach`: px to each side; returns [3 + C, n].
     """
-    width = light.shape[-1]
+    height, width = bright.shape
+    every = torch.arange(len(runs.row), device=light.device)
+    ends = [(runs.row, runs.first, 0, -1, every), (runs.row, runs.end - 1, 0, 1, every)]
+    mask = bright > level
+    row, column = positions_of(mask[runs.row[0] : runs.row[-1] + 1]).unbind(1)
+    row = row + runs.row[0]
+    which = runs.holding(row, column, width)
+    for down in (-1, 1):
+        last = ~mask[(row + down).clamp(0, height - 1), column]
+        ends.append((row[last], column[last], down, 0, which[last]))
     total = light.new_zeros(3 + len(light), len(runs.row)).double()
-    for away in range(reach):
-        for column in (runs.first - 1 - away, runs.end + away):
-            there = light[:, runs.row, column.clamp(0, width - 1)]
-            bright = there.amax(0)
-            dark = ((column >= 0) & (column < width) & (bright <= level)).to(light)
-            weight = dark * bright**2
-            total += torch.cat([torch.stack([dark, dark * bright, weight]), weight * there])
-    return total
+    for row, column, down, across, of in ends:
+        for away in range(1, reach + 1):
+            y, x = row + down * away, column + across * away
+            at = y.clamp(0, height - 1), x.clamp(0, width - 1)
+            dark = ((y == at[0]) & (x == at[1]) & ~mask[at]).to(light)
+            weight = dark * bright[at] ** 2
+            sums = [torch.stack([dark, dark * bright[at], weight]), weight * light[:, *at]]
+            total.index_add_(1, of, torch.cat(sums).double())
+    return total / 2
 
 
 def _beside(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:

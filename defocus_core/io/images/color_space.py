@@ -255,8 +255,14 @@ def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
     return scaled
 
 
-def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:
-    """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped."""
+def quantised(
+    values: NDArray[np.float32], bits: int, dither: NDArray[np.float32] | None = None
+) -> NDArray[Any]:
+    """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped.
+
+    `dither`: parts of a level, less than a half, that are added before; None for none.
+    """
     clipped = np.clip(np.nan_to_num(values, nan=0.0), 0.0, 1.0)
-    levels: NDArray[np.float32] = np.rint(clipped * np.float32(2**bits - 1))
+    scaled = clipped * np.float32(2**bits - 1)
+    levels: NDArray[np.float32] = np.rint(scaled if dither is None else scaled + dither)
     return levels.astype(np.uint8 if bits == 8 else np.uint16)

@@ -41,6 +41,7 @@ Attributes = Mapping[str, str | int | Tag | Embedded]
 _SOFTWARE = "defocus"
 _CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
+_HALF_LEVEL = 0.49  # of a dither: a value that is a level but for rounding stays
 _LOSSY = ("jpeg", "webp")
 _OTHER_BYTES = 1 << 22  # of a file beside its pixels: profile and tags, at most
 _OPTIONS: dict[str, dict[str, str | int]] = {
@@ -62,6 +63,7 @@ def write_image(
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
     has_clipped: bool = True,
+    smooth: Any = None,
 ) -> list[str]:
     """Write an image by its suffix; warnings of what the file cannot hold, one clause each.
 
@@ -69,7 +71,8 @@ def write_image(
     or half for an EXR of half; an array, or a tuple of its C arrays [H, W];
     `bits`: of a PNG; `attributes`: an EXR keeps all but `Tag`, others `Tag` and ``defocus:*``;
     `extras`: further channels of an EXR, of their own types; `has_clipped`: whether light beyond
-    black and white is a loss, and no overshoot of a blur.
+    black and white is a loss, and no overshoot of a blur; `smooth`: [H, W] bool, the pixels that
+    are dithered where a sample has 8 bits, so that slopes have no bands; None for none.
     """
     if path.suffix.lower() == ".exr":
         planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
@@ -87,7 +90,7 @@ def write_image(
     if codec in _LOSSY:
         metadata["Compression"] = f"{codec}:{jpeg_quality}"
     to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
-    warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
+    warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb, smooth)
     has_clipped = has_clipped or to_srgb is not None
     return [each for each in warnings if has_clipped or not each.endswith(_CLIPPED)]
 
@@ -113,6 +116,7 @@ def _write_display(
     bits: int,
     metadata: Mapping[str, str | Tag | Embedded],
     to_srgb: NDArray[np.float32] | None,
+    smooth: Any,
 ) -> list[str]:
     """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
     depth = {"png": bits, "tiff": 16}.get(codec, 8)
@@ -130,7 +134,8 @@ def _write_display(
         nonlocal above, below, unknown
         for rows in bands(size):
             strip = _strip(pixels, rows)
-            samples, *clipped = encode(strip)
+            dither = None if smooth is None or depth > 8 else _dither(rows, smooth[rows])
+            samples, *clipped = encode(strip, dither=dither)
             unknown += int(np.isnan(strip).any(-1).sum())
             above, below = above + clipped[0], below + clipped[1]
             yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
@@ -148,6 +153,16 @@ def _write_display(
     return warnings
 
 
+def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Parts of a level [h, W, 1] that are added to smooth pixels; less than a half.
+
+    They are spread evenly over any small square, by powers of the plastic number (Roberts 2018).
+    """
+    y, x = np.arange(rows.start, rows.start + len(smooth))[:, None], np.arange(smooth.shape[1])
+    offsets = ((0.5698402909980532 * y + 0.7548776662466927 * x) % 1 - 0.5) * _HALF_LEVEL * 2
+    return (offsets * smooth).astype(np.float32)[:, :, None]
+
+
 def _strip(pixels: Any, rows: slice) -> NDArray[Any]:
     """Rows of an image [h, W, C], which is an array [H, W, C] or a tuple of arrays [H, W]."""
     whole: NDArray[Any] = pixels
@@ -162,6 +177,7 @@ def display_encoded(
     keep_alpha: bool,
     to_srgb: NDArray[np.float32] | None = None,
     gamma: float | None = None,  # of the power law that encodes the colours; None for sRGB's curve
+    dither: NDArray[np.float32] | None = None,  # [H, W, 1], parts of a level to add to the colours
 ) -> tuple[NDArray[Any], int, int]:
     """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
@@ -178,7 +194,7 @@ def display_encoded(
     below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
     if has_alpha:
         colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
-    encoded = quantised(encoded_light(colour, gamma), bits)
+    encoded = quantised(encoded_light(colour, gamma), bits, dither)
     if has_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
     return encoded, above, below

@@ -185,3 +185,15 @@ def test_a_white_lamp_stays_white_before_coloured_surroundings():
     image[:, 115:126, 155:166] = lamp((30.0, 30.0, 30.0), 0.7)[:, 115:126, 155:166]
     lit = with_lights(image)[:, 120, 160]
     torch.testing.assert_close(lit / lit[0], torch.ones(3), atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("sides", [(1.2, 3.0), (1.0, 4.5)])
+def test_a_lamp_is_the_same_in_a_picture_that_lies_on_its_side(sides):
+    """Its rim and its surroundings are looked for on all sides."""
+    y, x = torch.meshgrid(torch.arange(240.0), torch.arange(320.0), indexing="ij")
+    away = torch.hypot((y - 120) / sides[0], (x - 160) / sides[1])
+    light = torch.tensor([8.0, 4.8, 1.6]).view(3, 1, 1) * torch.exp(-(away**2) / 2)
+    image = (0.05 + light + 0.001 * y).clamp(max=1)
+    on_its_side = with_lights(image.mT.contiguous()).mT
+    assert with_lights(image).amax() > 2
+    torch.testing.assert_close(on_its_side, with_lights(image))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import header
+from command_line import header, succeed, write_exr
 from refusals import files_end_at, refuses
 
 from defocus_core.errors import UsageProblem
@@ -223,3 +223,48 @@ def test_a_file_that_cannot_grow_leaves_the_old_one_and_nothing_else(tmp_path, s
     assert left_behind(tmp_path) == [path.name]
     with files_end_at(2**23):
         write_image(path, picture(), "RGB", attributes={})
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.webp"])
+def test_a_slope_of_8_bits_has_no_bands_and_what_is_not_smooth_keeps_its_bytes(name, tmp_path):
+    """Each square of 16 px has the mean of the slope, which is 3 levels over all of it."""
+    levels = np.linspace(100.2, 103.4, 256, dtype=np.float32) + np.zeros((64, 1), np.float32)
+    level = levels.astype(np.float64) / 255
+    light = np.where(level > 0.04045, ((level + 0.055) / 1.055) ** 2.4, level / 12.92)
+    pixels = light.astype(np.float32)[..., None].repeat(3, 2)
+    smooth = np.arange(64)[:, None] < 48 + np.zeros((1, 256))
+
+    def written(**told):
+        path = tmp_path / name
+        write_image(path, pixels, "RGB", attributes={}, **told)
+        return oiio.ImageBuf(str(path)).get_pixels(oiio.UINT16 if told.get("bits") else oiio.UINT8)
+
+    plain, seen = written(), written(smooth=smooth)
+    assert np.array_equal(seen, written(smooth=smooth))
+    if name == "a.png":
+        means = (seen[:48, :, 0] - levels[:48]).reshape(3, 16, 16, 16).mean((1, 3))
+        assert np.abs(means).max() < 0.1
+        assert np.array_equal(seen[48:], plain[48:])
+        assert np.array_equal(written(bits=16), written(bits=16, smooth=smooth))
+    whole = np.rint(levels) / 255
+    light = np.where(whole > 0.04045, ((whole + 0.055) / 1.055) ** 2.4, whole / 12.92)
+    pixels = light.astype(np.float32)[..., None].repeat(3, 2)
+    assert np.array_equal(written(), written(smooth=np.ones_like(smooth))), "levels stay"
+
+
+def test_pictures_are_dithered_where_they_are_blurred_alone(tmp_path):
+    """The left half is in focus and keeps its bytes; the right half is a slope of two levels."""
+    x = np.arange(96, dtype=np.float32) + np.zeros((40, 1), np.float32)
+    planes = dict.fromkeys("RGB", 0.2 + np.float32(2e-4) * x)
+    file = write_exr(tmp_path / "a.exr", **planes, Z=np.where(x < 48, 1, 2).astype("f4"))
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "1m", "--format", "png")
+    seen = []
+    for out in ("one", "two"):
+        succeed("render", file, "-o", tmp_path / out, *lens)
+        pixels = oiio.ImageBuf(str(tmp_path / out / "render" / "a.png")).get_pixels(oiio.UINT8)
+        seen.append(pixels[..., 0].astype(float))
+    light = 255 * (1.055 * planes["R"].astype(float) ** (1 / 2.4) - 0.055)
+    assert np.array_equal(*seen)
+    assert np.array_equal(seen[0][:, :44], np.rint(light)[:, :44])
+    assert not np.array_equal(seen[0][:, 56:80], np.rint(light)[:, 56:80])
+    assert abs(float((seen[0] - light)[12:28, 56:72].mean())) < 0.1
