@@ -21,24 +21,20 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 from weakref import finalize
 
-from msgspec import DecodeError, Struct, ValidationError
+from msgspec import DecodeError, ValidationError
 from msgspec.json import decode
 
 from defocus_core.batch.journal.record import (
     Record,
-    Stamp,
-    Stamps,
     line_of,
     linked_folders,
     record_of,
-    require_outputs,
 )
 from defocus_core.errors import InputError, cannot_read, one_line
 from defocus_core.io.below import Folder, sync_folder
 from defocus_core.io.safe_files import is_at, unwritable
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections
-from defocus_core.system.text import counted, note
 
 _SAMPLE = re.compile(rb'"sample_id": ?("(?:[^"\\]|\\.)+")')
 MAX_SHARDS = 999_999  # as many as can be asked for
@@ -79,8 +75,7 @@ class Line(NamedTuple):
     """A line of a journal."""
 
     begin: int  # where it begins, in bytes
-    record: Record | None  # None of a line of an earlier version, which had only what changed
-    outputs: Stamps
+    record: Record
     text: bytes
 
 
@@ -109,7 +104,7 @@ class JournalFile:
             if text == b"\n":
                 continue
             try:
-                line = _line(begin, text, linked)
+                line = Line(begin, record_of(text, linked), text)
             except ValidationError as error:
                 fault = f"is no record: {one_line(error)}"
             except NO_JSON:
@@ -128,25 +123,6 @@ class JournalFile:
         assert self._file is not None
         self._file.seek(begin)
         return record_of(self._file.readline())
-
-
-class _Earlier(Struct):
-    """What a line has that shares the rest with one before it, as some 0.2 wrote them."""
-
-    shared: str
-    outputs: dict[str, Stamp]
-
-
-def _line(begin: int, text: bytes, linked: frozenset[str]) -> Line:
-    try:
-        record = record_of(text, linked)
-    except ValidationError:
-        if b'"shared": "' not in text:
-            raise
-        outputs = decode(text, type=_Earlier).outputs
-        require_outputs(outputs, linked)
-        return Line(begin, None, outputs, text)
-    return Line(begin, record, record.outputs, text)
 
 
 def _sample_words(line: bytes) -> str:
@@ -169,7 +145,6 @@ class Ledger:
         splits: the splits that pictures were in, by their stems.
         last: by file, relative to OUT, the number of the record that holds for it.
         outcomes: how the job of each record ended.
-        earlier: files that an earlier version wrote, whose lines count no more.
     """
 
     def __init__(
@@ -186,7 +161,6 @@ class Ledger:
         self.splits: dict[str, tuple[str, ...]] = {}
         self.last: dict[str, int] = {}
         self.outcomes: list[Outcome] = []
-        self.earlier = set[str]()
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
         # Of each record its sample, where its line begins, in which journal; how many files it has
         self._samples: list[str] = []
@@ -196,21 +170,13 @@ class Ledger:
         outcomes: dict[Outcome, Outcome] = {}
         with without_collections():
             for place, reader in enumerate(self._journals):
-                for begin, record, outputs, _ in reader.lines():
-                    if record is None:
-                        self.earlier.update(stamp.path for stamp in outputs.values())
-                        continue
+                for begin, record, _ in reader.lines():
                     back = record.taken.back if record.taken else ""
                     found = Outcome(record.status, record.end.reason, back)
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)
                     self._of.append(place)
                     self._add(record)
-        self.earlier -= self.last.keys()
-        if self.earlier:
-            files = counted(len(self.earlier), "file")
-            remedy = "give the command of the batch again, which does them again"
-            note(f"{out}: warning: {files} of an earlier version do not count; {remedy}")
 
     def _add(self, record: Record) -> None:
         number, is_ok = len(self._files), record.status == "ok"
@@ -238,7 +204,7 @@ class Ledger:
 
     def is_known(self, path: str) -> bool:
         """Whether a record has a file, relative to OUT, as written."""
-        return path in self._once or path in self.earlier or self.is_ok(self.last.get(path))
+        return path in self._once or self.is_ok(self.last.get(path))
 
     def number_of(self, paths: Iterable[str]) -> int | None:
         """The number of the record that holds for all of these files; None if there is none."""

@@ -178,7 +178,6 @@ def _fields(kind: type) -> tuple[tuple[str, object], ...]:
 
 # Words of the reasons, in the order in which they are looked for.
 AGAIN = {
-    "journal": "journal of an earlier version",
     "failed": "failed before",
     "settings": "settings",
     "inputs": "inputs",
@@ -205,8 +204,6 @@ def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> Decision:
     names = job.names
     number = ledger.number_of(names.values())
     if number is None:
-        if not ledger.earlier.isdisjoint(names.values()):
-            return Decision(False, AGAIN["journal"])
         is_known = any(map(ledger.is_known, names.values()))
         return Decision(False, AGAIN["settings"] if is_known else "")
     record = ledger.record(number)

@@ -89,27 +89,6 @@ def test_a_journal_is_a_line_of_json_for_each_record(path):
     assert len([json.loads(line) for line in path.read_text().splitlines()]) == 3
 
 
-def test_what_an_earlier_version_wrote_in_part_is_known_and_does_not_count(path, caplog):
-    whole, part = record("a", renderer=1), record("b", renderer=1)
-    write(path, whole, part)
-    first, second = path.read_text().splitlines()
-    shared = {key: json.loads(second)[key] for key in ("sample_id", "status", "outputs", "inputs")}
-    path.write_text(
-        "".join(f"{line}\n" for line in (first, json.dumps({**shared, "shared": "1f"})))
-    )
-    ledger = Ledger(path.parent)
-    assert list(ledger.records()) == [whole]
-    assert ledger.is_known("render/b.exr")
-    assert "1 file of an earlier version" in caplog.text
-    caplog.clear()
-    write(path, part)
-    assert [*Ledger(path.parent).records()] == [whole, part]
-    assert not caplog.text
-    path.write_text(path.read_text().replace("render/b", "../b"))
-    with refuses("damaged", "line 2", "not a file of a kind"):
-        Ledger(path.parent)
-
-
 def test_a_record_that_lacks_its_newline_alone_is_whole(path):
     write(path, record("a"))
     os.truncate(path, path.stat().st_size - 1)
