@@ -192,11 +192,13 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
 
 def _blurred(contents: Contents) -> NDArray[np.bool_]:
     """The pixels [H, W] that are out of focus, or are not those of the input."""
-    color = contents.take.inputs.color
-    every = zip(contents.planes, (shown(color, plane) for plane in color.planes), strict=False)
+    take, color = contents.take, contents.take.inputs.color
+    given = [*color.planes, take.shown]
+    if not take.job.outputs.keep_overscan:
+        given = [shown(color, plane) for plane in given]
+    every = zip(contents.planes, given[:-1], strict=False)
     changed = [abs(plane - own) > _SAME for plane, own in every]
-    blurred = abs(shown(color, contents.take.shown)) > _SHARP_PX
-    found: NDArray[np.bool_] = np.logical_or.reduce([blurred, *changed])
+    found: NDArray[np.bool_] = np.logical_or.reduce([abs(given[-1]) > _SHARP_PX, *changed])
     return found
 
 

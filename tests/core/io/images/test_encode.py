@@ -6,6 +6,8 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import header, succeed, write_exr
+from elements import write
+from image_files import box
 from refusals import files_end_at, refuses
 
 from defocus_core.errors import UsageProblem
@@ -265,6 +267,9 @@ def test_pictures_are_dithered_where_they_are_blurred_alone(tmp_path):
         seen.append(pixels[..., 0].astype(float))
     light = 255 * (1.055 * planes["R"].astype(float) ** (1 / 2.4) - 0.055)
     assert np.array_equal(*seen)
+    windows = {"displayWindow": box(5, 5, 80, 30), "dataWindow": box(0, 0, 95, 39)}
+    window = write(tmp_path / "w.exr", {"Z": planes["R"], **planes}, **windows)
+    succeed("render", window, "-o", tmp_path / "w", *lens, "--keep-overscan")
     assert np.array_equal(seen[0][:, :44], np.rint(light)[:, :44])
     assert not np.array_equal(seen[0][:, 56:80], np.rint(light)[:, 56:80])
     assert abs(float((seen[0] - light)[12:28, 56:72].mean())) < 0.1

@@ -41,7 +41,8 @@ def test_camera_and_author_are_kept(suffix, kept_by, tmp_path):
     for name in PHOTOGRAPH:
         if name == "Exif__PhotographicSensitivity" and "tif" in suffix + kept_by:
             continue  # OpenImageIO writes no whole numbers of EXIF into a TIFF
-        assert kept[name.replace("__", ":")] == known[name.replace("__", ":")], name
+        own = {"FNumber": 2.0}.get(name, known[name.replace("__", ":")])  # that of the lens
+        assert kept[name.replace("__", ":")] == own, name
     assert kept["Software"] == "defocus"
     assert kept.get("Orientation", 1) == 1, "the pixels are upright, and would be turned again"
     assert kept.get("Exif:PixelXDimension", WIDTH) == WIDTH
