@@ -91,13 +91,14 @@ class Picture:
         coverage = None if matte is None else _array(matte)
         self._arrays: Arrays | None = Arrays(_array(color), _array(depth), coverage, behind)
         self._inputs: tuple[object, Inputs] | None = None
+        self._shown: Inputs | None = None
         self._decode()
 
     @classmethod
     def _of_files(cls, files: PictureFiles, reading: Layer) -> Picture:
         picture = cls.__new__(cls)
         picture.files, picture.device, picture._reading = files, "auto", reading
-        picture._arrays = picture._inputs = None
+        picture._arrays = picture._inputs = picture._shown = None
         picture._decode()
         return picture
 
@@ -106,12 +107,12 @@ class Picture:
         reading = reading_of(self._reading)
         if reading.needs_lens:
             return
+        job = Job(self.files, _UNKNOWN, reading, Outputs(Path()), Machine())
         try:
-            self._read(Job(self.files, _UNKNOWN, reading, Outputs(Path()), Machine()))
+            self._shown = self._read(job)
         except DefocusError as error:
-            relative = replace(_UNKNOWN, blur=1.0)
             try:
-                self._read(Job(self.files, relative, reading, Outputs(Path()), Machine()))
+                self._shown = self._read(replace(job, lens=replace(_UNKNOWN, blur=1.0)))
             except DefocusError:
                 raise error from None
 
@@ -129,22 +130,26 @@ class Picture:
 
     @property
     def _decoded(self) -> Inputs:
-        if self._inputs is None:
+        if self._shown is None:
             problem = "holds distances to the point, which need the focal length of a lens"
             remedy = "render it, or give ‹focal-px› or ‹fov›"
             raise UsageProblem("missing-option", problem, remedy, field="depth-format")
-        return self._inputs[1]
+        return self._shown
 
     @property
     def color(self) -> NDArray[np.float32]:
         """The colours, float32 [H, W, C], linear light, premultiplied by alpha."""
-        return self._decoded.color.pixels
+        color = self._decoded.color
+        rows, columns = color.overscan.shown(*color.shape[:2])
+        return color.pixels[rows, columns]
 
     @property
     def depth(self) -> NDArray[np.float32]:
         """The depth, float32 [H, W]: metres along the axis, inf is sky; or relative numbers."""
-        depth: NDArray[np.float32] = self._decoded.depth.metres
-        return depth
+        depth = self._decoded.depth
+        rows, columns = depth.overscan.shown(*depth.metres.shape)
+        shown: NDArray[np.float32] = depth.metres[rows, columns]
+        return shown
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -185,7 +190,7 @@ class Picture:
         return picture
 
     def __repr__(self) -> str:
-        if self._inputs is None:
+        if self._shown is None:
             return f"<Picture {self.files.color.name}>"
         (width, height), depth = self.size, self._decoded.depth
         known = depth.ends

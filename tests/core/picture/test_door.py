@@ -126,6 +126,9 @@ def test_relative_depth_needs_a_blur_and_not_optics():
     near = (255 * (DEPTH < 1)).astype(np.uint8)
     picture = df.Picture(COLOR, near)
     assert picture.is_relative
+    metric = df.Picture(COLOR, DEPTH)
+    df.render(metric, df.Lens(blur="6px", focus_value=NEAR))
+    assert np.array_equal(metric.depth, DEPTH), "a lens of relative depth leaves a picture as it is"
     views = df.render(picture, df.Lens(blur="6px", focus_value=255))
     assert np.isclose(abs(views.coc).max(), 6.0)
     both = [df.render(df.Picture(COLOR, numbers)).coc for numbers in (near, 255 - near)]
