@@ -5,7 +5,9 @@ Behind a cat's eye the pupil changes over the frame, as regions and points see i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -47,9 +49,8 @@ class Content(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """The slices of a frame, and the order of their layers."""
+    """How the slices of a frame are blurred, and the order of their layers."""
 
-    radii: tuple[float, ...]  # signed radius of each slice in px, ascending
     # Between which visible layers hidden octaves of blur are composited
     composite_order: CompositeOrder
     octaves: list[int]  # for each slice the octave of a hidden surface
@@ -115,11 +116,34 @@ class SharedFrame:
     # Rows above and below, and columns on both sides, by which the scene goes on
     beyond: tuple[int, int]
     cut: bool  # whether light from farther away than that would reach the frame
-    grid: Grid
+    farthest: int  # the greatest reach of light in px
     margin: int  # px around a region that its pixels depend on
     content: Content  # properties of the pixels
-    slices: Slices
-    division: Division  # the parts of the aperture
+    radii: tuple[float, ...]  # signed radius of each slice in px, ascending
+    # How it is blurred by regions, by its division: compiled loops need neither tiles nor slices
+    tiled: Callable[[Division], tuple[Grid, Slices]]
+
+    @cached_property
+    def division(self) -> Division:
+        """The parts of the aperture."""
+        settings = self.settings
+        centre = 1 if settings.cat_eye else self.quality.parts  # a rim would clip parts away
+        pair = settings.dual_pixel if settings.left_right else None
+        return Division.of(settings.aperture, centre, pair)
+
+    @cached_property
+    def _tiled(self) -> tuple[Grid, Slices]:
+        return self.tiled(self.division)
+
+    @property
+    def grid(self) -> Grid:
+        """Its tiles."""
+        return self._tiled[0]
+
+    @property
+    def slices(self) -> Slices:
+        """Its slices, and how they are blurred."""
+        return self._tiled[1]
 
     @property
     def box(self) -> Box:
@@ -132,12 +156,6 @@ class SharedFrame:
         (height, width), (rows, columns) = self.size, self.beyond
         return Box(-rows, -columns, height + 2 * rows, width + 2 * columns)
 
-    @property
-    def farthest(self) -> int:
-        """The greatest reach of light in px."""
-        reaches: list[int] = self.slices.visible.reaches
-        return max(reaches + self.slices.invented.reaches if self.content.edges else reaches)
-
     def is_inside(self, box: Box, bounds: Box) -> bool:
         """Whether no light from beyond a larger rectangle reaches a rectangle."""
         return box == box.grown(0, bounds.shrunk(self.farthest))
@@ -149,7 +167,7 @@ class SharedFrame:
         The light of a picture of the pupil may lie aside. An opaque middle may hide the frame, of
         which a half of the pupil sees half a column or row at the border.
         """
-        aperture, radii = self.settings.aperture, self.slices.radii
+        aperture, radii = self.settings.aperture, self.radii
         opaque = float(aperture.fixed.obstruction) * max(abs(radii[0]), abs(radii[-1]))
         if opaque >= min(self.size) / 2:
             return OPAQUE
@@ -181,7 +199,7 @@ def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
 
     visible, invented = (slicing(of) for of in (frame.slices.visible, frame.slices.invented))
     slices = frame.slices._replace(visible=visible, invented=invented)
-    return replace(frame, slices=slices)
+    return replace(frame, tiled=lambda _: (frame.grid, slices))
 
 
 def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:

@@ -112,7 +112,7 @@ class Filling:
         self._groups = frame.division.groups
         self._blur = Blur(
             SurfaceSamples([layer], around=around),
-            frame.slices.radii,
+            frame.radii,
             slicing,
             coarse,
             self._groups,

@@ -42,7 +42,6 @@ from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,
-    CompositeOrder,
     composite_order,
     evenly,
     layers,
@@ -70,7 +69,7 @@ def frame_of(
     layered: Layered | None = None,
     border: tuple[float, float] | None = None,
 ) -> SharedFrame:
-    """The frame of a picture: its statistics, slices, windows, tiles and parts.
+    """The frame of a picture: its statistics and slices.
 
     `border`: least and greatest signed radius on the edge of the frame; None for those of
     `signed_radius`.
@@ -95,17 +94,17 @@ def frame_of(
     coarse = _at_resolution(radii, quality, maximum, level)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
-    pair = settings.dual_pixel if settings.left_right else None
-    division = Division.of(settings.aperture, centre_parts(settings, quality), pair)
     dtype = torch.float64 if content.double else computed_in(pixels, signed_radius)
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
-    grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
-    sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
-    slicing = partial(
-        _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device
-    )
-    order = composite_order(radii, layer_indices)
-    slices = _slices(radii, layer_indices, order, (fine, coarse), sizes[0], stride, slicing)
+    device = pixels.device
+
+    def tiled(division: Division) -> tuple[Grid, Slices]:
+        """The tiles, and how slices are blurred in them."""
+        grid = _grid_of(settings, size, device, layer_indices, sample * len(division.parts))
+        sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
+        slicing = partial(_slicing, radii, sizes, settings.aperture, division.parts, dtype, device)
+        return grid, _slices(radii, layer_indices, (fine, coarse), sizes[0], stride, slicing)
+
     return SharedFrame(
         size=size,
         settings=settings,
@@ -113,17 +112,12 @@ def frame_of(
         dtype=dtype,
         beyond=(rows, columns),
         cut=inwards > min(rows, columns),
-        grid=grid,
+        farthest=farthest,
         margin=margin,
         content=content,
-        slices=slices,
-        division=division,
+        radii=radii,
+        tiled=tiled,
     )
-
-
-def centre_parts(settings: Settings, quality: Quality) -> int:
-    """The number of parts of the aperture for the centre view."""
-    return quality.parts if settings.cat_eye is None else 1  # a rim would clip parts away
 
 
 def copies_of_tile(layer_of: list[int]) -> int:
@@ -190,7 +184,6 @@ def content_of(
 def _slices(
     radii: tuple[float, ...],
     layer_indices: list[int],
-    order: CompositeOrder,
     resolutions: tuple[_Resolution, _Resolution],
     tile: tuple[int, int],
     stride: int,
@@ -201,8 +194,7 @@ def _slices(
     of_hidden = octaves(radii)
     invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))
     return Slices(
-        radii,
-        order,
+        composite_order(radii, layer_indices),
         of_hidden,
         visible=slicing(fine, layer_indices, 1),
         invented=slicing(coarse, invented, stride),

@@ -103,7 +103,7 @@ def _of_picture(
     if content.highlights:
         layers, lights = split(layers, len(image), content.limit)
     if content.edges:
-        positions = slice_position(radius, slices.radii)
+        positions = slice_position(radius, frame.radii)
         sight = SightLimits.of(radius, positions, slices.visible.layers, slices.octaves)
         sight = sight.over(place.core)
     if backdrop is not None:
@@ -120,7 +120,7 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
     layers, lights = split(visible, layered.colors.shape[1], frame.content.limit)
     if hidden:
         others = [layer._replace(kind=HIDDEN) for layer in hidden]
-        sight = Openings.of(stack.opaque(), slices.radii, slices.visible.layers).over(place.core)
+        sight = Openings.of(stack.opaque(), frame.radii, slices.visible.layers).over(place.core)
     solid = SampleLayer.whole(stack.color[0, :0], stack.solid(layered.limits[1]))
     others.append(solid._replace(kind=SOLID))
     if layered.open and layered.is_continued:
@@ -134,7 +134,7 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
 
 def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> SurfaceSamples:
     """The samples whose light reaches the tiles."""
-    radii = place.frame.slices.radii
+    radii = place.frame.radii
     layers = [layer.within(place.inside) for layer in layers]
     if len(layers) > len(radii) + 1:
         layers = [layers[0], *of_slices(layers[1:], radii)]
@@ -153,7 +153,7 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
     if frame.settings.left_right and frame.copies_in_focus:
         color, division = around.of(first.color), frame.division
         halves = division.parts[division.pair]
-        shifts = Shifts(color, radius, inner, frame.slices.radii, division.aperture, halves)
+        shifts = Shifts(color, radius, inner, frame.radii, division.aperture, halves)
     samples = samples_within(place, seen.of(VISIBLE))
     return samples._replace(slopes=lean, shifts=shifts)
 
@@ -186,7 +186,7 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
 
     Of layers, what hides a part of a light is in its coverage already.
     """
-    radii, (aperture, parts, *_) = place.frame.slices.radii, place.frame.division
+    radii, (aperture, parts, *_) = place.frame.radii, place.frame.division
     before = seen.of(SOLID) or seen.of(VISIBLE)
     barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
     return draw(highlights, before, radii, aperture, parts, place.core, barrel)

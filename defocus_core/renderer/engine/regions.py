@@ -73,7 +73,7 @@ class Region:
         def blur_of(samples: SurfaceSamples) -> Blur:
             return Blur(
                 samples._replace(around=around),
-                frame.slices.radii,
+                frame.radii,
                 frame.slices.visible,
                 place.grid.seen_from(place.inner),
                 frame.division.groups,
@@ -285,7 +285,7 @@ def _copied(
         for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
             where.of(whole).copy_(computed)
         area, tiles = area - part.box.area, tiles - counts["tiles"]
-    slice_tiles = 2 * len(frame.slices.radii) * tiles
+    slice_tiles = 2 * len(frame.radii) * tiles
     copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
     return ViewTensors(images, trust, added([counts, copies]), grid.box)
 
@@ -329,7 +329,7 @@ def _reach(frame: SharedFrame, minimum: Tensor, maximum: Tensor) -> Tensor | int
     """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
     if frame.content.edges:  # which reveal hidden surfaces, too
         return frame.margin
-    slice_radii = torch.tensor(frame.slices.radii, dtype=torch.float64, device=minimum.device)
+    slice_radii = torch.tensor(frame.radii, dtype=torch.float64, device=minimum.device)
     spread = torch.tensor(frame.slices.visible.reaches, device=minimum.device)
     nearest = torch.searchsorted(slice_radii, minimum.double(), right=True) - 1
     farthest = torch.searchsorted(slice_radii, maximum.double())

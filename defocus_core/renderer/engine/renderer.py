@@ -201,7 +201,7 @@ def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together: none of slices where compiled loops made all of them."""
     if counts and not any("slice_tiles" in each for each in counts):
         return added(counts)
-    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
+    return {"slices": len(frame.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
 
 def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
