@@ -88,6 +88,21 @@ def averages(
     return counts
 
 
+def _may_average(sizes: list[Tensor]) -> bool:
+    """Whether enough pixels may be averages: those with a step within two px on either side.
+
+    `sizes`: as for `averages`.
+    """
+    number = 0
+    for dim, size in enumerate(sizes):
+        n = size.shape[dim] - 3
+        if n > 0:
+            there = exceeding(size, 0.0)
+            two = there.narrow(dim, 0, n + 2) | there.narrow(dim, 1, n + 2)
+            number += int((two.narrow(dim, 0, n) & two.narrow(dim, 2, n)).sum())
+    return number > _MINIMUM
+
+
 def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) -> float | None:
     """The quantity that was averaged on the edges of a frame.
 
@@ -326,7 +341,9 @@ def _evidence(
             slope = steepness(around)
             softest = softness(slope)[within].amax()
             ramps = (slope[within] > STEEP).sum()
-        averaged = averages(around, sizes, band, infinity)
+        # a band that is the whole frame has all of its averages
+        if len(sizes[1]) < len(signed_radius) or launches_cost(r.device) or _may_average(sizes):
+            averaged = averages(around, sizes, band, infinity)
     scatter = scatter_counts(steps, band, steepest)
     counts = steps_of([size[within] for size in sizes], steepest)
     return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)

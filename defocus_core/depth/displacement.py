@@ -77,6 +77,8 @@ _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
+# Of hard edges so many pixels decide if the median displacement of these is less than so many px.
+_GLANCE, _CENTRED = 1 << 8, 0.251
 # Px around a pixel that decide whether it is on a silhouette; and what it becomes.
 AROUND_EDGE = NORMAL + FARTHEST + 3
 AROUND = REACH + 4 * _ROUNDS + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
@@ -144,6 +146,11 @@ def measured_shifts(
         return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
 
     edges = sum(map(len, found.values()))
+    if soft is None and edges > 2 * _GLANCE:
+        glance = examined(_GLANCE / edges)
+        median = shifts_of(glance, step)[0].median
+        if 2 * len(glance.costs) >= _GLANCE and abs(median) < _CENTRED:
+            return None
     chance = min(_EXAMINED / edges, 1.0)
     evidence = examined(chance)
     if 2 * len(evidence.costs) < min(_EXAMINED, edges):  # most are alike
