@@ -48,7 +48,8 @@ def command(
 ) -> None:
     """Render scenes with known truth and say how far off each shot is and how long it took.
 
-    Beside the qualities stands the plain sum of blurred slices.
+    Beside the qualities stand the plain sum of blurred slices and, where compiled loops render
+    'standard', the same by 'torch'.
 
     PSNR (dB) and SSIM are of sRGB-encoded pictures, relRMSE and p999 (99.9th percentile of the
     error) of linear light. A border as wide as the largest blur is left out. 'edges' is PSNR
@@ -63,8 +64,8 @@ def command(
     """  # noqa: D301  click reads the backspace
     echo = console.stderr if as_json else console.stdout
     truth, threads = truth or sample_set(), threads or cores()
-    shots, methods = find_shots(truth), (measured_shots.BASELINE, *qualities)
-    device = measured_shots.warm_up(device)
+    shots, device = find_shots(truth), measured_shots.warm_up(device)
+    methods = measured_shots.methods(qualities, device)
     echo(measured_shots.heading())
     rows: list[measured_shots.Row] = []
     for shot in shots:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from defocus_core.evaluation.metrics import Errors
 
 BASELINE = "sum"  # of blurred slices, where nothing occludes
+COMPILED, TORCH = "standard", "torch"  # a quality that compiled loops render, and torch instead
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
 _TRANSFORMS = 5  # of which the median is the unit
 # Title, width and decimals of each column, of words None.
@@ -50,7 +51,7 @@ class Row:
 
     scene: str  # name of the scene
     shot: str  # name of the shot
-    method: str  # a quality or the baseline
+    method: str  # a quality, the baseline, or the torch back
     errors: Errors  # errors against the truth
     seconds: float  # time of the rendering alone
     fft_units: float  # its ratio to the unit measured beside it
@@ -71,6 +72,18 @@ def warm_up(device: str) -> str:
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
     return device
+
+
+def methods(qualities: Sequence[str], device: str) -> list[str]:
+    """The baseline and the qualities; and the torch back beside the compiled one, if it renders."""
+    from defocus_core.renderer.compiled.carried import available
+
+    found = [BASELINE]
+    for quality in qualities:
+        found.append(quality)
+        if quality == COMPILED and device == "cpu" and available():
+            found.append(TORCH)
+    return found
 
 
 def measure_shot(
@@ -103,14 +116,18 @@ def _render(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> T
     """A shot by a method."""
     from defocus_core.evaluation.baselines import plain_sum
     from defocus_core.optics.aperture import Aperture
-    from defocus_core.renderer.render import render
+    from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.renderer.engine.scene import Surface
+    from defocus_core.renderer.engine.settings import Settings
 
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
     sharp, radius, infinity = pictures.sharp, pictures.signed_radius, pictures.infinity
     options: dict[str, Any] = {"aperture": aperture, "threads": threads}
     if method == BASELINE:
         return plain_sum(sharp, radius, **options)
-    return render(sharp, radius, quality=method, infinity=infinity, **options).render
+    options |= {"quality": COMPILED, "back": "torch"} if method == TORCH else {"quality": method}
+    settings = Settings(infinity=infinity, **options)
+    return Renderer(Surface(sharp, radius), settings).picture().images[0]
 
 
 def _unit_seconds(image: Tensor) -> float:

@@ -12,6 +12,7 @@ from scenes import SIZE, card_layers
 from defocus_core.bench import measured_shots
 from defocus_core.bench.measured_shots import Row
 from defocus_core.evaluation.metrics import Errors
+from defocus_core.renderer.compiled.carried import available
 
 FIELDS = ["psnr", "psnr_edges", "psnr_elsewhere", "rel_rmse", "ssim", "p999"]
 
@@ -47,13 +48,13 @@ def test_all_methods_are_measured_and_written(tiny):
     ran = bench("--truth", tiny, "--json")
     assert ran.code == 0
     document = ran.json
-    methods = ["sum", "standard", "high"]
+    methods = ["sum", "standard", *["torch"] * available(), "high"]
     assert [row["method"] for row in document["rows"]] == methods
     assert [mean["method"] for mean in document["means"]] == methods
     assert all(set(FIELDS) < set(row) for row in document["rows"])
     lines = ran.err.splitlines()
-    assert [line.split()[2] for line in lines[1:4]] == methods
-    assert lines[4].startswith("means, PSNR capped")
+    assert [line.split()[2] for line in lines[1 : 1 + len(methods)]] == methods
+    assert lines[1 + len(methods)].startswith("means, PSNR capped")
     psnr = {row["method"]: row["psnr"] for row in document["rows"]}
     assert psnr["standard"] > psnr["sum"] + 6
     assert all(row["seconds"] > 0 and row["fft_units"] > 0 for row in document["rows"])
