@@ -24,6 +24,7 @@ from defocus_cli.words.console import (
     exit_code_of,
     log_to_stderr,
     print_json,
+    require_stdout,
     write_stderr,
 )
 from defocus_core import gone
@@ -76,6 +77,11 @@ class LazyGroup(click.Group):
         """Names of the commands, in the order help shows them."""
         return list(COMMANDS)
 
+    def get_help(self, ctx: click.Context) -> str:
+        """The help, which needs a stdout to go to."""
+        require_stdout()
+        return super().get_help(ctx)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The commands, a line each."""
         with formatter.section("Commands"):
@@ -117,6 +123,7 @@ def cli(ctx: click.Context, wants_version: bool) -> None:
       defocus info scene.exr
     """  # noqa: D301  click reads the backspace
     if wants_version:
+        require_stdout()
         click.echo(f"defocus {versions()}")
         click.echo(f"on a CPU {back_words()}")
         ctx.exit()

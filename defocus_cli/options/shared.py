@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.words.console import Due
+from defocus_cli.words.console import Due, require_stdout
 from defocus_core import gone
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.quantities import byte_count, read_at
@@ -134,6 +134,11 @@ class GroupedCommand(click.Command):
             ctx.meta["left_out"] = set()
             click.echo(ctx.get_help(), color=ctx.color)
             ctx.exit()
+
+    def get_help(self, ctx: click.Context) -> str:
+        """The help, which needs a stdout to go to."""
+        require_stdout()
+        return super().get_help(ctx)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse, and make what the bundles of the command hand it."""

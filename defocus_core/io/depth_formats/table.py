@@ -82,6 +82,7 @@ class DepthFormat:
 _stereo = partial(DepthFormat, rule="inverse")
 _png16 = partial(DepthFormat, files=("16-bit PNG",), invalid=(0,))
 _exr = partial(DepthFormat, files=("EXR",), takes=("depth-unit",))
+_isaac = partial(DepthFormat, files=("NPY",), sky_numbers=(0.0,))
 
 STEREO_DATASETS = (
     _stereo(
@@ -246,9 +247,10 @@ RENDERERS = (
         weights=(1.0, 256.0, 65536.0),
         sky=2.0**24 - 1,
     ),
-    # Omniverse Replicator, annotators distance_to_image_plane and distance_to_camera
-    DepthFormat("isaac-plane", "Isaac Sim, distance_to_image_plane", ("NPY", "EXR")),
-    DepthFormat("isaac-camera", "Isaac Sim, distance_to_camera", ("NPY", "EXR"), geometry="radial"),
+    # docs.omniverse.nvidia.com, Replicator, "Annotators Information": float32 in metres, "0 in the
+    # 2d array represents infinity"
+    _isaac("isaac-plane", "Isaac Sim, distance_to_image_plane"),
+    _isaac("isaac-camera", "Isaac Sim, distance_to_camera", geometry="radial"),
     DepthFormat(
         "mujoco-warp",
         "MuJoCo Warp, Newton",
@@ -343,7 +345,7 @@ DEPTH_DATASETS = (
             *("arkit", "wildrgbd", "hoi4d", "uasol", "dp5k"),
         ),
     ),
-    # github.com/thodan/bop_toolkit, docs/bop_datasets_format.md: × depth_scale is mm
+    # github.com/thodan/bop_toolkit, docs/bop_datasets_format.md: × depth_scale is mm, 0 is a hole
     _png16(
         "bop",
         "BOP (LM-O, T-LESS, YCB-V, …), depth/*.png",
@@ -351,9 +353,10 @@ DEPTH_DATASETS = (
         sidecar="scene_camera.json",
         aliases=("ycbv", "tless"),
     ),
-    # "Invalid depth is set to 65535": the data set's readme
+    # microsoft.com, "RGB-D Dataset 7-Scenes": "in millimeters … invalid depth is set to 65535"
     DepthFormat("7scenes", "7-Scenes, *.depth.png", _PNG16, scale=1 / 1000, invalid=(0, 65535)),
-    # github.com/EPFL-VILAB/omnidata: depth_zbuffer in 1/512 m, 65535 where the mesh has a hole
+    # github.com/EPFL-VILAB/omnidata, omnidata_tools: dataset/README.md, "increments of 1/512m";
+    # torch/dataloader/task_configs.py, whose mask_val of depth_zbuffer is the greatest number
     DepthFormat(
         "taskonomy",
         "Taskonomy, Omnidata, depth_zbuffer",

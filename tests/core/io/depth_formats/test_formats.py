@@ -269,7 +269,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "tartanair": partial(_npy_of, sky=10000.0),
     "tartanair2": _tartanair2,
     "sintel": _sintel,
-    "isaac-plane": partial(_npy_of, sky=INF),
+    "isaac-plane": partial(_npy_of, sky=0.0),
     "isaac-camera": lambda f: Example(
         npy(f / "distance_to_camera_0000.npy", marked(radial(5.0), sky=INF)),
         metres(sky=True),
