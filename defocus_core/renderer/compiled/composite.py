@@ -60,7 +60,8 @@ def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int6
 def add_behind(front, layer, first, last, invented, sight, needed):
     """Add a layer behind a row, as much of it as there is room, where the lens sees as far.
 
-    sight: [W] the farthest slot that is seen, or none if nothing limits it.
+    invented: 1 for what is, else 0; sight: [W] the farthest slot that is seen, or none if nothing
+    limits it.
     """
     limited = sight.shape[0] > 0
     for x in range(first, last + 1):
@@ -76,8 +77,14 @@ def add_behind(front, layer, first, last, invented, sight, needed):
         front[1, x] += share * layer[1, x]
         front[2, x] += share * layer[2, x]
         front[3, x] += share * coverage
-        if invented:
-            front[4, x] += share * coverage
+        front[4, x] += invented * share * coverage
+
+
+@compiled
+def _add_all_behind(front, layer, invented, sight):
+    """Add a layer behind a row, wherever the lens sees."""
+    last = layer.shape[1] - 1
+    add_behind(front, layer, np.int64(0), last, invented, sight[:0], np.uint8(0))
 
 
 @compiled
@@ -138,10 +145,9 @@ def composite_row(steps, rows, first, last, sides, sight, needed, front, room):
     covered, before, aside, whole = room[0, 0], room[0, 1], room[1], room[2]
     for n in range(steps.shape[0]):
         step, slot = steps[n, 0], steps[n, 1]
-        if step == SHOW:
-            add_behind(front, rows[slot], first[slot], last[slot], False, sight, needed[slot])
-        elif step == FILL:
-            add_behind(front, rows[slot], first[slot], last[slot], True, sight, needed[slot])
+        if step in (SHOW, FILL):
+            row, invented = rows[slot], F32(step == FILL)
+            add_behind(front, row, first[slot], last[slot], invented, sight, needed[slot])
         elif step == MARK:
             covered[:] = front[3]
         elif step == BEFORE:
@@ -152,7 +158,7 @@ def composite_row(steps, rows, first, last, sides, sight, needed, front, room):
             close_gaps(front, aside)
         elif step == FILL_ALL:
             if _whole_hidden(rows, first, last, sides, sight, needed, whole, room[0]):
-                add_behind(front, whole, 0, front.shape[1] - 1, True, sight[:0], 0)
+                _add_all_behind(front, whole, F32(1), sight)
         elif step == TOGETHER:
             put_together(front, aside)
 
@@ -176,6 +182,6 @@ def _whole_hidden(rows, first, last, sides, sight, needed, whole, room):
                     for i in range(4):
                         total[i, x] += rows[slot, i, x]
         if some:
-            add_behind(whole, total, 0, whole.shape[1] - 1, False, sight[:0], 0)
+            _add_all_behind(whole, total, F32(0), sight)
             found = True
     return found

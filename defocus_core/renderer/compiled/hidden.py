@@ -214,7 +214,7 @@ def _surface_at(half, levels, y, x, border, ceiling, directions):
 
     directions: the number of levels whose structure is asked for.
     """
-    c0, c1, c2, r, _, _, _, found = read_level(half, 0, y, x, 0.5, border, ceiling)
+    c0, c1, c2, r, _, _, _, found = read_level(half, np.int64(0), y, x, 0.5, border, ceiling)
     own = min(found * _NEXT, 1.0)
     weight = s0 = s1 = s2 = s3 = xx = xy = yy = 0.0
     for n in range(levels.size.shape[0]):

@@ -38,8 +38,9 @@ def spread_reduced(surface, opening, room, slots, near, reduced):
     """
     height, width = surface.radius.shape
     ring, line = room.ring, np.empty((4, width), np.float32)
+    band = np.int64(0), height  # of the type that other callers give: a literal is compiled anew
     for y in range(-room.reach, height + room.reach):
-        spread_row(surface, y, (0, height), opening, room)
+        spread_row(surface, y, band, opening, room)
         row = y - room.reach
         if row < 0:
             continue

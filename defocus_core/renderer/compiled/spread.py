@@ -301,7 +301,8 @@ def spread_line(line, y, band, opening, ring, work):
     pixels, starts, rows, reached = ring.pixels, ring.start, ring.rows, ring.reached
     more = line.moved
     before, reach, views, width = line.before, opening.reach, ring.views, ring.width
-    x, count, most = 0, radius.shape[0], area.shape[0] - 1
+    # not 0 itself: what is called would be compiled for a literal, too
+    x, count, most = np.int64(0), radius.shape[0], area.shape[0] - 1
     while x < count:
         slot = slots[x]
         if slot < 0:
