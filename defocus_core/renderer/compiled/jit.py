@@ -11,12 +11,16 @@ from defocus_core.renderer.compiled.kept import folder
 
 # Sums may be reordered; NaN and infinity keep their meaning.
 _FASTMATH = {"reassoc", "contract", "arcp", "nsz"}
-_OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": _FASTMATH, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {
+    **{"nogil": True, "fastmath": _FASTMATH, "error_model": "numpy"},
+    "no_cfunc_wrapper": True,  # nothing is called from C; wrappers take long to compile
+}
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, for others that are compiled."""
-    return numba.njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+    """The function as machine code, for others that are compiled; Python cannot call it."""
+    options = {**_OPTIONS, "no_cpython_wrapper": True}
+    return numba.njit(**options)(function)  # type: ignore[no-any-return]
 
 
 def entry(function: Callable[..., Any]) -> Callable[..., Any]:
