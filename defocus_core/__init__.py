@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core import gone
 
-if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table below
+if TYPE_CHECKING:  # for type checkers and editors; a test compares it with the table below
     from defocus_core.batch.datasets.finished import samples as samples
     from defocus_core.batch.datasets.torch_dataset import BatchDataset as BatchDataset
     from defocus_core.batch.datasets.torch_dataset import decode_sample as decode_sample
@@ -54,7 +54,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.renderer.samples import mirrored as mirrored
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
 
-# What users need, in groups: the names of each module.
+# The public names of each module, in groups.
 _GROUPS = {
     "pictures": {"picture.door": "read Picture Lens render Views"},
     "lens and rendering of tensors": {
@@ -103,7 +103,7 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_MODULE_OF})
 
 
-if not TYPE_CHECKING:  # which know all names from the imports above, and no others
+if not TYPE_CHECKING:  # type checkers know all names from the imports above
     __all__ = sorted(_MODULE_OF)
 
     def __getattr__(name: str) -> Any:
@@ -111,7 +111,7 @@ if not TYPE_CHECKING:  # which know all names from the imports above, and no oth
         if name not in _MODULE_OF:
             words = f"module {__name__!r} has no attribute {name!r}"
             remedy = gone.remedy("python", name)
-            # ``from defocus_core import NAME`` replaces the words of an AttributeError by its own
+            # ``from defocus_core import NAME`` would replace the words of an AttributeError
             is_import = sys._getframe(1).f_code.co_name == "_handle_fromlist"
             raise (ImportError if remedy and is_import else AttributeError)(
                 f"{words}; {remedy}" if remedy else words

@@ -1,4 +1,4 @@
-"""Values that options of the renderer may have, for who names them without loading torch."""
+"""Values of renderer options, for modules that must not load torch."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ DUAL_PIXEL_SENSORS = {
         "views made by Canon's DPP, closer together than those of its photodiodes",
     ),
 }
-# What automatic highlights stand for: threshold, in linear light, and gain.
+# Threshold in linear light and gain of automatic highlights.
 AUTO_LIGHTS = (0.93, 8.0)
 DEPTH_REPAIRS = ("auto", "off")
-MIN_TILE = 16  # px of the side of a tile: that of a block of the index of slices
-WIDEST_EDGE = 100  # px of a soft edge of depth; what is wider is a surface
+MIN_TILE = 16  # least px on a side of a tile: a block of the index of slices
+WIDEST_EDGE = 100  # px of a soft edge of depth; a wider one is a surface

@@ -1,4 +1,4 @@
-"""Errors of the user, as data: code, path, field, problem and remedy."""
+"""Mistakes of users as data: code, path, field, problem and remedy."""
 
 from __future__ import annotations
 
@@ -14,76 +14,76 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 
-# What kinds of mistakes there are: the codes of errors, for programs.
+# The codes of errors, for programs, and their meaning.
 CODES = {
-    "ambiguous": "several things could be meant; the remedy names them",
+    "ambiguous": "a name or value has several meanings; the remedy names them",
     "changed": "a file changed while it was used",
-    "circular-link": "a link leads to a folder that it is in",
-    "contradiction": "two things that are asked for exclude each other",
-    "damaged": "a file is truncated, or does not hold what its header promises",
-    "deep-data": "a file holds deep pixels where flat ones are wanted, or the reverse",
+    "circular-link": "a link leads to a folder that contains it",
+    "contradiction": "two options or values exclude each other",
+    "damaged": "a file is truncated, or lacks data that its header promises",
+    "deep-data": "a file has deep pixels where flat ones are needed, or the reverse",
     "duplicate": "one name stands for two things",
-    "empty": "nothing is there of what is wanted",
-    "exists": "an output is there already",
+    "empty": "nothing matches, or the input is empty",
+    "exists": "an output exists already",
     "focus-too-near": "the focus is nearer than the focal length",
     "idle-option": "an option has no effect beside the others",
     "in-use": "another process writes there",
     "invalid-depth": "pixels have no depth",
-    "link": "a link stands where a file or folder of the output is wanted",
-    "malformed": "a value or a file is not written as it must be",
+    "link": "a link stands in the place of a file or folder of the output",
+    "malformed": "a value or a file has invalid syntax",
     "missing-frames": "frames of a shot are missing",
-    "missing-option": "an option is needed, and not given",
-    "needs-extra": "a library is needed that is not installed",
+    "missing-option": "a required option is missing",
+    "needs-extra": "a required library is not installed",
     "no-color": "a file has no colour",
     "no-depth": "a file has no depth",
     "no-gpu": "a GPU is asked for, and there is none",
-    "no-rule": "what the numbers of a depth file mean is not known",
-    "no-scene": "the name of a picture does not tell its scene",
+    "no-rule": "the meaning of the numbers in a depth file is unknown",
+    "no-scene": "the name of a picture does not match the pattern of scenes",
     "no-space": "no space is left",
     "no-such-channel": "a file has no channel, layer or array of that name",
     "no-such-part": "a file has no part, page or frame of that number",
     "no-such-view": "a file has no view of that name",
     "no-valid-depth": "there is nothing to focus on",
-    "not-explained": "a blur explains little of what pictures differ by",
+    "not-explained": "a blur explains little of the difference between pictures",
     "not-finite": "numbers are NaN or infinite",
-    "not-found": "a file or folder is not there",
-    "not-numbers": "what is there cannot be taken as real numbers",
+    "not-found": "a file or folder does not exist",
+    "not-numbers": "the values are not real numbers",
     "not-one-channel": "depth has several channels",
     "not-square": "pixels are not square where they must be",
     "not-utf-8": "a text or a name is not UTF-8",
-    "one-file": "many files would go to one",
-    "other-version": "another version of defocus runs elsewhere",
+    "one-file": "several files would have the same path",
+    "other-version": "another process of the batch runs another version of defocus",
     "out-of-memory": "a picture does not fit into memory",
-    "out-of-range": "a number is beyond what is possible",
+    "out-of-range": "a number is out of range",
     "radii": "a file holds radii where depth is needed, or the reverse",
     "replaces-input": "an output would replace an input",
     "too-blurred": "a blur is larger than any picture",
-    "too-large": "a file claims more than is read",
-    "unknown-name": "a name is not known",
-    "unknown-unit": "the unit of numbers is not known",
+    "too-large": "a file claims more data than defocus reads",
+    "unknown-name": "a name is unknown",
+    "unknown-unit": "the unit of numbers is unknown",
     "unreachable": "a scheduler cannot be reached",
     "unreadable": "a file cannot be read",
-    "unsupported": "a file is of a kind that is not read or written",
+    "unsupported": "a file type is not supported",
     "unwritable": "a file cannot be written",
-    "whole-batch": "a part of a batch is not enough",
+    "whole-batch": "a part of a batch stands where the whole is needed",
     "worker-died": "a process that computed died",
     "wrong-shape": "an array has another number of dimensions",
     "wrong-size": "two things have different sizes",
-    "wrong-type": "a file is not of the kind that is wanted",
+    "wrong-type": "a file is of the wrong kind",
 }
 
 _LONGEST_WORD = 200  # characters of a path in a message
 _OPTION = re.compile("‹([a-z][a-z-]*)›")
-# Where notes of one kind differ: a file, numbers, their units of length, one thing or several.
+# The parts in which notes of one kind differ: a file, numbers, units of length, plurals.
 _FILE_OR_NUMBER = re.compile(r"^\S+\.\w+: |\d[\d.,]*(?: ?(?:[cmk]?m\b|pixels?\b))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value stands; without a path it is an option that the caller gave himself.
+    """The place of a value; without a path it is an option of the caller.
 
     Attributes:
-        path: the file, or what else stands for it.
+        path: the file, or a name in its stead.
         table: the table of the file, in brackets, or its line.
         field: the option or key.
     """
@@ -109,17 +109,17 @@ CALLER = Place()
 
 
 class DefocusError(Exception):
-    """A mistake of a user, as data: what is wrong, where, and what to do about it.
+    """A mistake of a user, as data: the problem, its place, and the remedy.
 
     Texts name options in angle quotes, like ‹focus›: the command line writes ``--focus``.
 
     Args:
-        code: what kind of mistake it is, a word of `CODES`.
+        code: the kind of mistake, a key of `CODES`.
         problem: what is wrong, without a full stop.
         remedy: what to do about it; the empty string if there is nothing to propose.
-        path: the file concerned, or what else the mistake is in; or its place in there.
+        path: the file concerned, or a name in its stead; or a place in the file.
         field: the option or key concerned, in the file if there is one.
-        value: what the option is set to, where that is a part of the mistake.
+        value: the value of the option, where that is a part of the mistake.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class DefocusError(Exception):
 
     @property
     def subject(self) -> str:
-        """File, option or key that the mistake is in, in words."""
+        """The file, option or key with the mistake, in words."""
         return f"{self.place} {self.value}".rstrip() if self.path is None else str(self.place)
 
     def __str__(self) -> str:
@@ -161,12 +161,13 @@ class DefocusError(Exception):
         return f"{line}; {self.remedy}" if self.remedy else line
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # By default an exception unpickles from its arguments alone; workers send these home.
+        # Workers return these errors, but by default an exception unpickles from its arguments
+        # alone.
         return type(self), (self.code, self.problem, self.remedy), self.__dict__
 
 
 class UsageProblem(DefocusError):  # noqa: N818 - click has a UsageError
-    """Something is asked for that makes no sense."""
+    """Options or values are invalid."""
 
 
 class InputError(DefocusError):
@@ -193,7 +194,7 @@ def one_line(text: object) -> str:
 
 
 def shortened(text: str) -> str:
-    """A path, or another long word, whose middle is left out where it is very long."""
+    """A path, or another word, with its middle left out if it is very long."""
     half = _LONGEST_WORD // 2
     return text if len(text) <= _LONGEST_WORD else f"{text[:half]}…{text[1 - half :]}"
 
@@ -220,7 +221,7 @@ def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
 
 
 def lacks_memory(error: BaseException) -> bool:
-    """Whether the system gave no memory, to a library of C too."""
+    """Whether the system refused memory, also to a C library."""
     return isinstance(error, TooLarge | MemoryError) or any(
         words in str(error) for words in ("can't allocate memory", "failed to map segment")
     )
@@ -233,7 +234,7 @@ def reason(error: BaseException) -> str:
 
 
 def first_line(path: Path, text: str) -> str:
-    """First line of what OpenImageIO says, short enough for a message that names the file."""
+    """The first line of a message of OpenImageIO, shortened, without the name of the file."""
     for named in (f' ("{path}")', f" ({path})", f"{path}: ", f": {path}"):
         text = text.replace(named, "")
     lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
@@ -241,7 +242,7 @@ def first_line(path: Path, text: str) -> str:
 
 
 def kind_of(note: str) -> str:
-    """A note without its file, numbers and units: notes that differ in these are of one kind."""
+    """A note without its file, numbers and units, in which notes of one kind differ."""
     return _FILE_OR_NUMBER.sub("N", note)
 
 
@@ -259,12 +260,12 @@ class NoteKinds:
         """Count the notes of a picture, once each kind."""
         for kind, note in {kind_of(note): note for note in notes}.items():
             self._counts[kind] += 1
-            # the first in order: the same notes make the same card, whatever ended first
+            # the first in order, so that equal notes make equal cards, whichever job ended first
             self._examples[kind] = min(self._examples.get(kind, note), note)
 
     @property
     def counts(self) -> dict[str, int]:
-        """An example of each kind and how many are of it, the commonest first."""
+        """An example and the number of notes of each kind, the commonest first."""
         ordered = sorted(self._counts.items(), key=lambda item: (-item[1], item[0]))
         return {self._examples[kind]: count for kind, count in ordered}
 

@@ -1,22 +1,21 @@
-"""What went: options, their values, keys of files, commands, Python names; and what replaces each.
+"""Removed options, values, keys of files, commands and Python names, and their replacements.
 
-To let something go, add a row below the version in which it goes; nothing else is needed, as all
-who meet a name that they do not know look here first. Its error then ends in the remedy
-``it went with 0.2.0: INSTEAD``. ``instead`` is an imperative without a full stop, and names options
-in angle quotes, like ‹clamp-blur›, but that of a Python name. The kinds of rows:
+To remove a name, add a row below the version that removes it; nothing else is needed, as every
+error of an unknown name looks here first. Its error then ends in the remedy ``it went with 0.2.0:
+INSTEAD``. ``instead`` is an imperative without a full stop, and names options in angle quotes, like
+‹clamp-blur›, but that of a Python name. The kinds of rows:
 
-- ``option``: of the command line, without dashes; ``of`` is the command that lost it, if others
-  keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
-- ``key``: of files alone, or where a key is replaced otherwise than its option; ``of`` is its
-  table, like ``[sample]``, if others keep it.
-- ``value``: a word that the option or key ``of`` took, and the argument of that name in Python.
-- ``rule``: a metric of the rules of compare, or ``found:`` and a finding.
-- ``command``: of ``defocus``.
-- ``python``: a name of `defocus_core`; or, ``of`` a class, an option of `RandomDefocus`, an
+- ``option``: an option of the command line, without dashes; ``of`` is the command that lost it, if
+others keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
+- ``key``: a key of files alone, or one whose replacement differs from that of its option; ``of`` is
+its table, like ``[sample]``, if others keep it. - ``value``: a value of the option or key ``of``,
+and of the argument of that name in Python. - ``rule``: a metric of the rules of compare, or
+``found:`` and a finding. - ``command``: of ``defocus``. - ``python``: a name of `defocus_core`; or,
+``of`` a class, an option of `RandomDefocus`, an
   attribute of `DefocusLens`, an argument of `golden.check`.
 
-A row stays for two versions: that in which it went and the next. ``tests/core/test_gone.py`` meets
-every row as a user does, and says when one may leave.
+A row stays for two versions: that of the removal and the next. ``tests/core/test_gone.py`` uses
+each removed name, and fails when a row is older.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from typing import NamedTuple
 
 
 class Gone(NamedTuple):
-    """A name that went, and what to write instead."""
+    """A removed name, and what to write instead."""
 
     kind: str  # option, key, value, rule, command or python
     name: str
@@ -35,7 +34,7 @@ class Gone(NamedTuple):
 
 _CALIBRATED = "give ‹depth-kind› disparity, ‹focal-px›, ‹baseline› and, if it has one, ‹doffs›"
 _APART = "compare twice, with ‹mask› and with ‹ignore-mask›"
-# Findings of compare, by those that stand for them.
+# Removed findings of compare, by their replacements.
 _FINDINGS = {
     "softer": ("noise removed", "motion blur", "softened", "spread otherwise"),
     "sharper": ("sharpened",),
@@ -155,7 +154,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
 
 
 def remedy(kind: str, name: object, of: str = "", otherwise: str = "") -> str:
-    """What to write instead of a name that is not known: a row's words, or else ``otherwise``."""
+    """What to write instead of an unknown name: the words of its row, or ``otherwise``."""
     for version, rows in GONE.items():
         for row in rows:
             if (row.kind, row.name) == (kind, name) and row.of in ("", of):
@@ -164,6 +163,6 @@ def remedy(kind: str, name: object, of: str = "", otherwise: str = "") -> str:
 
 
 def remedy_of_key(name: str, table: str, otherwise: str) -> str:
-    """As `remedy`, of a key of a file, which may have the name of an option."""
+    """`remedy` for a key of a file, which may have the name of an option."""
     name = name.replace("_", "-")
     return remedy("key", name, table, remedy("option", name, otherwise=otherwise))

@@ -1,9 +1,9 @@
-"""The pytest fixture ``golden``: pictures of a test are compared with those that were accepted.
+"""The pytest fixture ``golden``, which compares pictures of a test with accepted ones.
 
 ``golden.check(picture, like="render")`` compares an array, a tensor or a file with
 ``goldens/TEST_FILE/CLASS/test_name[parameters].exr`` beside the test, or with one of a given name.
-Further ones, as of another processor, are accepted as ``NAME.1.exr``, ``NAME.2.exr``, and so on.
-``pytest --golden-update`` accepts what fails, ``--golden-report FILE.html`` shows it.
+Alternatives, as of another processor, are ``NAME.1.exr``, ``NAME.2.exr``, and so on. ``pytest
+--golden-update`` accepts pictures that fail, ``--golden-report FILE.html`` shows them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the folder that the processes of a run share; those of pytest-xdist are told it."""
+    """Make the folder that the processes of a run share, also those of pytest-xdist."""
     given = getattr(config, "workerinput", {}).get(_WORD)
     config.stash[_SHARED] = Path(given or tempfile.mkdtemp(prefix="defocus-goldens-"))
 
@@ -45,7 +45,7 @@ def pytest_configure_node(node: Any) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Write the report, if one is wanted, and say where it is."""
+    """Write the report, if asked for, and print its path."""
     from defocus_core.reports.html import comparisons
 
     if (path := config.option.golden_report) is not None:
@@ -65,24 +65,25 @@ class Golden:
 
     folder: Path  # that of the test file
     update: bool  # whether pictures are accepted
-    shared: Path  # by all processes of the run: which test has a golden, and what failed
-    test: str = ""  # the name that pytest has for the test
-    name: str = ""  # of a golden that is given none: class, function and parameters of the test
+    shared: Path  # shared by all processes of the run: the test of each golden, and failed pictures
+    test: str = ""  # pytest's name of the test
+    name: str = ""  # default name of a golden: class, function and parameters of the test
     _checked: set[Path] = field(default_factory=set)
 
     def check(
         self, picture: Any, name: str | None = None, *, like: str | None = None, **bounds: float
     ) -> None:
-        """Compare a picture with its golden, and fail the test if it is not like it.
+        """Compare a picture with its golden, and fail the test if they differ.
 
         Args:
             picture: an array [H, W] or [H, W, C]; a tensor [H, W], [C, H, W] or [1, C, H, W]; or
                 the path of a file. Integers of 8 and 16 bits are sRGB, other numbers linear.
-            name: of the golden, unique in the test file; may hold slashes. Else that of the test.
+            name: name of the golden, unique in the test file, by default that of the test; may have
+                slashes.
             like: rules: ``render`` (the same program on another machine), ``encoder`` (a lossy
                 codec) or ``golden`` (the same program and machine). By default, no value may
                 differ by more than 1e-4, or a step of its number type.
-            bounds: metrics of ``defocus compare`` with what is just allowed, like ``psnr=45``;
+            bounds: metrics of ``defocus compare`` with their limits, like ``psnr=45``;
                 rel_rmse, p999 and hdr_psnr for rel-rmse, p99.9 and hdr-psnr.
         """
         from defocus_core.compare.accepting import accept_picture
@@ -111,7 +112,7 @@ class Golden:
         pytest.fail(told, pytrace=False)
 
     def _place(self, name: str, suffix: str) -> Path:
-        """The path of a golden below the folder, no link followed; of this test alone."""
+        """The path of a golden of this test below the folder, without following links."""
         from defocus_core.errors import reason
         from defocus_core.io.below import Folder
 
@@ -130,7 +131,7 @@ class Golden:
         mine = claim.with_suffix(f".{os.getpid()}")
         mine.write_text(self.test)
         with suppress(FileExistsError):
-            os.link(mine, claim)  # for other processes it is whole, or not there
+            os.link(mine, claim)  # atomic: other processes see all of it or nothing
         mine.unlink()
         if (owner := claim.read_text()) != self.test:
             both = f"is the golden of {owner}, too; give one of both another name, or none"

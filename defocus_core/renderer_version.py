@@ -1,8 +1,8 @@
-"""The version of the renderer: raise it when pictures change.
+"""The version of the renderer. Raise it when pictures change.
 
-Finished pictures of an earlier version are rendered again; a release that leaves this number as it
-is renders nothing again. tests/laws/test_golden.py fails where pictures change and the number does
-not. The module imports nothing: whoever plans a batch runs this file alone, without torch.
+Batches render finished pictures of an earlier version again. tests/laws/test_golden.py fails if
+pictures change and the number does not. The module imports nothing, so that planning a batch does
+not load torch.
 """
 
 RENDERER_VERSION = 20

@@ -1,8 +1,8 @@
-"""Error and cost of shots of known truth, by each quality and by a plain baseline; a table of them.
+"""Error and cost of each quality and of a plain baseline on shots with known truth; their table.
 
 The unit of cost is one Fourier transform of the frame and its inverse, RGBA float32, on one thread.
-It is measured before and after each rendering: a busy machine slows both, so that their ratio is
-the cost of the renderer itself.
+The unit is measured before and after each rendering: a busy machine slows both, so that the ratio
+is the cost of the renderer itself.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 BASELINE = "sum"  # of blurred slices, where nothing occludes
 COMPILED, TORCH = "standard", "torch"  # a quality that compiled loops render, and torch instead
-CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
+CAP = 50.0  # dB: greatest PSNR of a shot in a mean, so that easy scenes do not hide hard ones
 _TRANSFORMS = 5  # of which the median is the unit
 # Title, width and decimals of each column, of words None.
 COLUMNS: dict[str, tuple[str, int, int | None]] = {
@@ -58,7 +58,7 @@ class Row:
 
 
 def warm_up(device: str) -> str:
-    """Render a tiny picture, as what a process does once belongs to no shot; the device it is on.
+    """Render a tiny picture, so that no shot is charged for start-up; returns the device.
 
     From here on torch uses one thread: threads work on tiles or channels.
     """
@@ -89,7 +89,7 @@ def methods(qualities: Sequence[str], device: str) -> list[str]:
 def measure_shot(
     shot: TruthShot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
 ) -> Iterator[Row]:
-    """One row for each method, when it is done."""
+    """Yield one row for each method as it is done."""
     import torch
 
     from defocus_core.evaluation import metrics
@@ -138,7 +138,7 @@ def _unit_seconds(image: Tensor) -> float:
     frame = frame.to(image.device)
 
     def round_trip() -> Tensor:
-        memory.trim()  # memory in use before would halve the time
+        memory.trim()  # memory that is in use already halves the time
         back: Tensor = torch.fft.irfft2(torch.fft.rfft2(frame), s=frame.shape[-2:])
         return back
 
@@ -146,7 +146,7 @@ def _unit_seconds(image: Tensor) -> float:
 
 
 def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
-    """The result of some work, and the seconds that it takes."""
+    """The result of some work, and its time in seconds."""
     import torch
 
     start = time.perf_counter()

@@ -1,7 +1,7 @@
-"""Sets of scenes with known truth: their shots, decoded.
+"""Sets of scenes with known truth, and their decoded shots.
 
 Each directory ``SCENE`` of a set holds ``camera.json``, ``rgb.exr``, ``depth.exr`` and, for each
-shot of the camera, ``truth_<shot>.exr``: what a thin lens would have photographed.
+shot of the camera, ``truth_<shot>.exr``: the photograph by a thin lens.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class TruthShot:
 class Pictures(NamedTuple):
     """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px.
 
-    Beside them the radius of what is infinitely far.
+    `infinity` is the radius at infinity.
     """
 
     sharp: Tensor

@@ -1,6 +1,6 @@
 """A baseline to compare the renderer with: the plain sum of blurred slices.
 
-It shares the slice radii, the kernels and the transforms with the renderer, but has no hidden
+The baseline shares slice radii, kernels and transforms with the renderer, but has no hidden
 content, no tiles and no separate highlights. Each slice costs one blur.
 """
 
@@ -28,13 +28,13 @@ def plain_sum(
     quality: str = "standard",
     threads: int = 1,
 ) -> Tensor:
-    """The sum of all blurred slices, divided by the sum of their coverage: nothing occludes.
+    """The sum of all blurred slices, divided by the sum of their coverage, without occlusion.
 
     Args:
         image: [C, H, W], linear light.
         signed_radius: [H, W] px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: The quality whose radii of slices to use.
+        quality: The quality whose slice radii are used.
         threads: Channels transformed at once.
 
     Returns:

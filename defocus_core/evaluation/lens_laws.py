@@ -30,7 +30,7 @@ _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on slice radii and betwe
 class LawSetting:
     """The setting that probes are rendered in."""
 
-    device: str = "cpu"  # where to compute, as torch calls it
+    device: str = "cpu"  # torch's name of the device
     quality: str = "standard"  # as for `render`
     threads: int = 1  # as for `render`
     render: Callable[..., ViewTensors] = render  # the renderer
@@ -54,17 +54,17 @@ class Check:
     law: str  # its name
     measured: str  # the measurement, in words
     unit: str  # of the value and the bound
-    value: float | None  # the worst that was measured; None if there was nothing to measure it on
+    value: float | None  # the worst measured value; None without a GPU to measure it on
     bound: float  # the largest value that the law allows
 
     @property
     def ok(self) -> bool:
-        """Whether the law holds: a value that was not measured does not break it, NaN does."""
+        """Whether the law holds. A value that was not measured passes, NaN fails."""
         return self.value is None or self.value <= self.bound
 
 
 class Law(NamedTuple):
-    """What a `Check` is made of; `numbers` measures in the unit of the bound."""
+    """The name, measure and bound of a law; `numbers` measures in the unit of the bound."""
 
     name: str
     measured: str
@@ -124,7 +124,7 @@ def _worst(difference: Tensor) -> float:
 
 
 def _worst_relative(difference: Tensor, picture: Tensor) -> float:
-    """Greatest absolute value, as a share of the greatest of the picture within 4 px."""
+    """Greatest absolute difference, as a share of the greatest value of the picture within 4 px."""
     around = max_pool2d(picture.abs(), 9, stride=1, padding=4)
     return _worst(difference / around.clamp(min=1e-12))
 
@@ -143,8 +143,8 @@ def white(setting: LawSetting) -> list[float]:
 def disc(setting: LawSetting) -> list[float]:
     """% by which the disc of a point is too large or too small, and % of a light beyond its rim.
 
-    A light on black is drawn by its own kernel, a mark on white goes through slices. The radius is
-    that of the second moment, r²/4 on each axis; the integration over a pixel adds 1/12 px².
+    A light on black is drawn by its own kernel, a mark on white goes through slices. The radius
+    follows from the second moment, r²/4 on each axis, to which the area of a pixel adds 1/12 px².
     """
     found = []
     for r in (sign * size for size in _RADII for sign in (1, -1)):
@@ -163,7 +163,7 @@ def disc(setting: LawSetting) -> list[float]:
 
 
 def focus(setting: LawSetting) -> list[float]:
-    """Change of a picture that is all in focus."""
+    """Change of a picture that is entirely in focus."""
     image = waves()
     seen = setting.views((image, torch.zeros(SIZE)))[:3]
     return [_worst(picture - image.to(picture)) for picture in seen]
@@ -182,15 +182,15 @@ def occlusion(setting: LawSetting) -> list[float]:
 
 
 def left_and_right(setting: LawSetting) -> list[float]:
-    """Left and right less twice the centre, occlusions included."""
+    """The sum of left and right minus twice the centre, with occlusions."""
     seen = (setting.views(scene)[:3] for scene in scenes())
     return [_worst_relative(left + right - 2 * centre, centre) for centre, left, right in seen]
 
 
 def tiles(setting: LawSetting) -> list[float]:
-    """Difference between a picture and the same as a part of a larger one: tiles leave no seam.
+    """Difference between a picture and the same rendered as a part of a larger one.
 
-    Pixels with content invented behind edges are left out: it continues all of the visible picture.
+    Pixels with invented content are left out, since that depends on all of the visible picture.
     """
     # px; the border is wider than the blur reaches
     whole, rows, columns, border = (320, 384), slice(64, 256), slice(64, 320), 60
@@ -207,9 +207,9 @@ def tiles(setting: LawSetting) -> list[float]:
 
 
 def gradient(setting: LawSetting) -> list[float]:
-    """The slope for image and radius off a finite difference, along one direction."""
+    """The error of the gradient for image and radius against a finite difference."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
-    radius = slope(size) / 4 + 0.013  # off the slice radii, where slopes change
+    radius = slope(size) / 4 + 0.013  # away from slice radii, where slopes change
     radius[3:6, 4:8] -= 3.1  # a nearer card
 
     def random(*shape: int) -> Tensor:

@@ -15,7 +15,7 @@ from torch.nn.functional import pad
 
 from defocus_core.evaluation.similarity import REACH, psnr, similarity
 
-# Neighbours whose CoC radii differ by more px lie on two sides of a depth edge.
+# A depth edge lies between neighbours whose CoC radii differ by more px than this.
 _EDGE = 1.0
 _LUMA = (0.2126, 0.7152, 0.0722)
 
@@ -42,14 +42,14 @@ class Errors:
 
 
 def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: int) -> Errors:
-    """All errors of a picture, without a border that depends on what lies outside the frame.
+    """All errors of a picture, without the border, which depends on content outside the frame.
 
     Args:
         picture: [3, H, W], linear.
         truth: [3, H, W], linear.
         signed_radius: [H, W] px.
-        border: Px left out on each side, the greatest CoC radius rounded up. Pixels as far from a
-            depth edge at most are near it.
+        border: Px left out on each side, the greatest CoC radius rounded up. Pixels within this
+            distance of a depth edge are near it.
 
     Raises:
         ValueError: If shapes differ, the border leaves less than 11 px, or a pixel of the picture
@@ -98,12 +98,12 @@ def decibels(squares: Tensor) -> float:
 
 
 def ssim(a: Tensor, b: Tensor) -> float:
-    """Structural similarity of pictures [H, W] in [0, 1], the mean over windows within them."""
+    """Mean structural similarity of pictures [H, W] in [0, 1], over windows within the frame."""
     return float(similarity(a, b).mean())
 
 
 def percentile(values: Tensor, percent: float) -> float:
-    """The percentile of values, linear between the two nearest."""
+    """A percentile of values, linear between the two nearest."""
     position = percent / 100 * (values.numel() - 1)
     lower = math.floor(position)
     top = values.flatten().topk(values.numel() - lower).values
@@ -121,7 +121,7 @@ def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
     across, down = (signed_radius.diff(dim=dim).abs() > _EDGE for dim in (1, 0))
     edge = pad(across, (1, 0)) | pad(across, (0, 1))
     edge |= pad(down, (0, 0, 1, 0)) | pad(down, (0, 0, 0, 1))
-    # Counted by transform: an edge pixel within the disc around each pixel.
+    # A transform counts the edge pixels within the disc around each pixel.
     reach = math.floor(distance)
     offset = torch.arange(-reach, reach + 1, dtype=torch.float64, device=edge.device)
     disc = (offset[:, None].square() + offset.square() <= distance * distance).double()

@@ -1,4 +1,4 @@
-"""PSNR and structural similarity, of NumPy's arrays and of tensors alike.
+"""PSNR and structural similarity of NumPy arrays or tensors.
 
 Z. Wang et al.: Image quality assessment: from error visibility to structural similarity, 2004.
 """
@@ -15,7 +15,7 @@ EQUAL = 99.0
 
 
 def psnr(mean: float) -> float:
-    """In dB, of a mean squared error, for a peak of 1."""
+    """PSNR in dB of a mean squared error, for a peak of 1."""
     return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
 
 

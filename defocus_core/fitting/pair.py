@@ -26,32 +26,32 @@ from defocus_core.tensors.validation import described
 from defocus_core.tensors.views import ViewTensors
 
 MAX_SHIFT = 16  # px
-MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
+MAX_MAGNIFICATION = 1.02  # or 1 / it: about twice that of a camera's focus range
 _BOUNDS = torch.tensor([1e6, 1e6, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2]).double()
-# What slopes of each unknown are first taken over, in px of the pictures at a width
+# The first step of finite differences for each unknown, in px of the pictures at a width
 _PROBES = torch.tensor([0.2, 0.2, 0.25, 0.25, 0.001, 0.1]).double()
-_LONGEST = torch.tensor([20.0, 20.0, 8.0, 8.0, 5.0, 10.0]).double()  # steps, in these
-_LEAST_STEP = 0.003  # in these; a smaller one is none
-_SHORTEST = 0.01  # of these, that slopes are taken over
+_LONGEST = torch.tensor([20.0, 20.0, 8.0, 8.0, 5.0, 10.0]).double()  # longest step, in these
+_LEAST_STEP = 0.003  # shortest step, in these; the search ends there
+_SHORTEST = 0.01  # least step of finite differences, in these
 _MOST_STEPS = 6  # at a width
-_LEAST_GAIN = 1e-4  # of the error, by a step
-_DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of steps that are tried, in turn
-_TOLD = 1e-3  # of the greatest curvature, that damps an unknown of which nothing is told
+_LEAST_GAIN = 1e-4  # least relative improvement of the error by a step
+_DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of a step, tried in turn
+_TOLD = 1e-3  # share of the greatest curvature, with which undetermined unknowns are damped
 _LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
 _SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
 _ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # of the radii there, in px
-_TRIED = 12  # points of it that are rendered
+_TRIED = 12  # points of this search that are rendered
 # Px of pictures at a width, and how many points are followed there
 _WIDTHS = {200: 4, 480: 3, 1024: 2}
-_MIN_WEIGHT = 0.05  # of the pixels, of which enough count
-_DROP_RATIO = 4.0  # times the error of the best: nothing changes that
-_SAME_PX = 0.25  # px of pictures at a width, by which radii of one point differ
+_MIN_WEIGHT = 0.05  # least share of the pixels with a weight
+_DROP_RATIO = 4.0  # times the error of the best point: worse starts are dropped
+_SAME_PX = 0.25  # px of pictures at a width: points whose radii differ less are the same
 _EXACT = 1e-10  # error of pictures that differ by nothing else
-_BLOCKS = 3  # along each side, for the uncertainty: real lenses differ over a third of a frame
-_SEPARATION = 0.5  # of left and right, from which steps descend
-_UNTOLD = 1e-9  # curvature of the error by pixel, of an unknown that the pictures tell nothing of
-_MAX_CROSSTALK = 0.49  # of light, that is known from none
-_MINIMUM = 1e-6  # mean square of compressed light, that is no difference
+_BLOCKS = 3  # blocks along each side for the uncertainty: real lenses vary over a third of a frame
+_SEPARATION = 0.5  # of left and right, at which the search begins
+_UNTOLD = 1e-9  # curvature of the error by pixel, below which an unknown is undetermined
+_MAX_CROSSTALK = 0.49  # share of light; left and right are equal at 0.5
+_MINIMUM = 1e-6  # mean square of compressed light, below which pictures are equal
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,13 @@ class Fit:
         strength_error: Standard error of the strength, relative.
         focus_error: Standard error of the focus, in disparity.
         shift: Px by which the blurred picture lies to the right of the sharp one, and below.
-        magnification: Size of things in the blurred picture over that in the sharp one, about the
-            middle; the shift is applied after it.
-        gains: Factor of light of each channel from the sharp to the blurred picture; of grey ones
-            one.
-        psnr: In dB of compressed light, of the pixels that count.
-        dual_pixel: The photodiodes of a pair; None of one picture.
-        crosstalk_error: Standard error of their crosstalk, 0 if it was not sought.
-        exchanged: Whether what was given for left is what the right photodiodes saw.
+        magnification: Scale of the blurred picture over that of the sharp one, about the middle;
+            the shift is applied after it.
+        gains: Factor of light of each channel from the sharp to the blurred picture; one if grey.
+        psnr: PSNR in dB of compressed light over the pixels with a weight.
+        dual_pixel: The photodiodes of a pair; None for a single picture.
+        crosstalk_error: Standard error of their crosstalk, 0 if it was not fitted.
+        exchanged: Whether left and right were given in the wrong order.
         explained: The fraction of the difference between the pictures that the blur explains.
     """
 
@@ -112,7 +111,7 @@ def fit(
         blurred: [C, H, W], light like that of sharp; or (left, right) of a dual-pixel sensor.
         aperture: The pupil, a round one by default.
         dual_pixel: The photodiodes of a pair, ideal halves by default.
-        crosstalk: Whether the crosstalk of a pair is to be found.
+        crosstalk: Whether to find the crosstalk of a pair.
         exposure: Whether each channel may have a factor between the pictures, and each blurred one
             a falloff of light over the frame.
         shift: Whether the blurred picture may be shifted by up to 16 px.
@@ -123,7 +122,7 @@ def fit(
 
     Raises:
         ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere, or
-            no pixel tells anything, as of pictures that are white.
+            no pixel has information, as in white pictures.
     """
     given = blurred if isinstance(blurred, tuple) else (blurred,)
     _check(sharp, disparity, given)
@@ -138,7 +137,7 @@ def fit(
         left_right=len(given) > 1,
         depth_repair=depth_repair,
         threads=threads,
-        back="torch",  # the other one rounds radii: steps of a search need slopes
+        back="torch",  # the compiled back rounds radii, but a search needs slopes
     )
 
     def rendered(
@@ -193,7 +192,7 @@ class Search:
     """The search for the point between two pictures."""
 
     def __init__(self, residual: Residual, pictures: Scale, free: list[int]) -> None:
-        """Keep which unknowns, by number, are to be found: the radii first."""
+        """Set the unknowns to find, by number, the radii first."""
         self._residual, self._free, self._all = residual, free, pictures
         self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
 
@@ -202,7 +201,7 @@ class Search:
         points = self._apart(self._starts(), _SEARCHED)
         if not points:
             raise ValueError(
-                "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
+                "hardly a pixel can be used: nearly all are clipped, or seen from beyond the "
                 "border; give a darker picture, or one that is blurred less"
             )
         for width, count in _WIDTHS.items():
@@ -217,7 +216,7 @@ class Search:
         return points[0]
 
     def _starts(self) -> list[Point]:
-        """Points of little error where each disparity is blurred as the whole picture would be."""
+        """Points of little error, if each disparity is read from a uniformly blurred picture."""
         first = Point(0.0, 0.0, separation=_SEPARATION if 5 in self._free else 1.0)
         if 2 in self._free:
             across, down = offset_of(self._all.sharp, self._all.observed.mean(0), MAX_SHIFT)
@@ -243,7 +242,7 @@ class Search:
         return [first._replace(far=one, near=other) for one, other in ends.tolist()]
 
     def _apart(self, points: list[Point], width: int) -> list[Point]:
-        """Points, the best first, without those that a better one is like."""
+        """Points, the best first, without those close to a better one."""
         pictures = self._widths[width]
         errors = {point: self._error(point, pictures) for point in points}
         kept: list[Point] = []
@@ -261,8 +260,8 @@ class Search:
     def _descend(self, point: Point, pictures: Scale) -> Point:
         """A point after Gauss-Newton steps.
 
-        Where a surface is nearly sharp slopes change within what they are taken over: that is no
-        longer than the last step.
+        Where a surface is nearly sharp, slopes change within the step of the differences, which
+        therefore is at most the last step of the search.
         """
         lengths = torch.ones(len(self._free), dtype=torch.float64)
         longest = (_LONGEST * _scaled_probes(pictures))[self._free]
@@ -277,7 +276,7 @@ class Search:
                 step = -torch.linalg.solve(hessian + torch.diag(damping * told), gradient)
                 step = step / ((step @ probes).abs() / longest).max().clamp_min(1)
                 there = _moved(point, self._free, step @ probes)
-                # Of the same pixels: else it counts which are seen from beyond the border
+                # Errors of the same pixels; else pixels that see beyond the border would decide
                 away, weight = self._residual.of(there, pictures)
                 common = torch.minimum(weight, here[1])
                 before, after = error_of(here[0], common), error_of(away, common)
@@ -293,7 +292,7 @@ class Search:
         return point
 
     def _normal(self, point: Point, pictures: Scale, probes: Tensor) -> tuple[Tensor, Tensor]:
-        """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step.
+        """The matrix [B, P, P] and the gradient [B, P] of a step, for each block of the picture.
 
         The step is in units of the probes [P, P], a row each.
         """
@@ -310,7 +309,7 @@ class Search:
         return both[:, 1:, 1:], both[:, 1:, 0]
 
     def fit_of(self, point: Point, sensor: DualPixel) -> Fit:
-        """What was found, with its uncertainty."""
+        """The fit at a point, with its uncertainty."""
         pictures, strength = self._widths[max(_WIDTHS)], point.far - point.near
         still, focus = point._replace(far=_MINIMUM, near=0.0), point.far / strength
         unlike, square = (
@@ -341,9 +340,9 @@ class Search:
         )
 
     def _errors(self, point: Point, pictures: Scale, slopes: Tensor) -> list[float]:
-        """Standard errors of what has slopes [N, P] by the unknowns, or infinite.
+        """Standard errors of N numbers with slopes [N, P] by the unknowns; may be infinite.
 
-        A jackknife: of a step without each block, in turn.
+        They are those of a jackknife: steps without each block in turn.
         """
         probes = _probes(point, pictures, self._free)
         hessian, gradient = self._normal(point, pictures, probes)
@@ -357,15 +356,15 @@ class Search:
 
 
 def _scaled_probes(pictures: Scale) -> Tensor:
-    """What slopes of each unknown are first taken over, in px of the pair."""
+    """The first step of finite differences for each unknown, in px of the pair."""
     return _PROBES / torch.tensor([pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
 
 
 def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
-    """What slopes are first taken over [P, P], a row each: the unknowns, but of the radii others.
+    """The first steps of finite differences [P, P], a row each; the radii move together.
 
-    All radii grow in proportion, then as is square to that, so that their range grows. Steps of
-    both hardly depend on each other, be the focus within the range of depth or not.
+    The first row scales all radii; the second is orthogonal to it and widens their range. Steps
+    along both hardly depend on each other, whether the focus is within the range of depth or not.
     """
     probes = torch.diag(_scaled_probes(pictures))
     far, near = point.far, point.near
@@ -377,7 +376,7 @@ def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
 
 
 def _moved(point: Point, free: list[int], steps: Tensor) -> Point:
-    """A point after a step in each of the unknowns that are free."""
+    """The point after a step in each free unknown."""
     values = torch.tensor(point, dtype=torch.float64)
     values[free] += steps
     values[0] = torch.maximum(values[0], values[1] + _LEAST_RANGE)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-_ENDLESS = 1.001  # greatest value, beyond which light has no end
+_ENDLESS = 1.001  # greatest value of pictures that may be clipped
 _END = 0.9999  # fraction of the greatest value
 _MIN_HEIGHT = 16  # px
 _LOBES = 3  # of the windowed sinc that moves a picture
@@ -22,7 +22,7 @@ class Scale:
     disparity: Tensor  # [H, W], 0 of the farthest surface and 1 of the nearest
     observed: Tensor  # [V, C, H, W]
     lost: Tensor  # [1, H, W], the share of a pixel whose light is clipped in the sharp picture
-    factor: float = 1.0  # px of them for a px of the pair
+    factor: float = 1.0  # px of them per px of the pair
 
     def reduced(self, width: int) -> Scale:
         """The same pictures at a width in px, if it is less."""
@@ -37,9 +37,9 @@ class Scale:
 
 
 def clipped(image: Tensor) -> Tensor:
-    """Where a picture [C, H, W] that ends at 1 or below is at its end: [1, H, W], 1 or 0.
+    """Where a picture [C, H, W] of at most 1 is at its maximum: [1, H, W], 1 or 0.
 
-    The end of a picture without clipped light is that of a pixel or two.
+    In a picture without clipped light only a pixel or two are there.
     """
     top = float(image.max()) if float(image.max()) <= _ENDLESS else torch.inf
     return (image.amax(0, keepdim=True) >= _END * top).to(image)
@@ -50,7 +50,7 @@ def registered(
 ) -> tuple[Tensor, Tensor]:
     """Images [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
 
-    Beside them where nothing comes in from beyond the border: [H, W], 1 or 0.
+    Returns them, and where no pixel comes from beyond the border: [H, W], 1 or 0.
     """
     inside = torch.ones_like(images[0, 0])
     for shift in (down, across):  # the rows, then, turned, the columns
@@ -66,14 +66,14 @@ def registered(
 
 
 def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, float]:
-    """Px by which a picture [C, H, W] lies to the right of and below another, whatever its blur.
+    """Px by which a picture [C, H, W] lies right of and below another, whatever its blur.
 
-    Their correlation is greatest there: a pupil that is the same when turned moves nothing.
+    It maximises their correlation: a pupil with point symmetry moves nothing.
     """
     spectra = []
     for image in (sharp, observed):
         light = image.clamp_min(0).mean(0)
-        light = light / (light + light.median().clamp_min(1e-3))  # lights do not decide
+        light = light / (light + light.median().clamp_min(1e-3))  # so that lights do not decide
         spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))
     both = torch.fft.irfft2(spectra[1] * spectra[0].conj())
     positions = torch.arange(-maximum, maximum + 1)

@@ -1,10 +1,10 @@
-"""What a point makes of the sharp picture, and its difference from what is observed.
+"""The blurred picture that a point predicts, and its difference from the observed one.
 
 Differences are taken of light compressed by x / (x + m), so that no light outweighs a scene.
-They count less where they are large (Huber), and not where light is clipped, where a clipped light
-is blurred, whose strength nobody knows, nor where the rendering invents. With an exposure a gain
-of each channel follows by least squares, then a factor of each view over the frame: the falloff of
-a wide opening is not that of a narrow one, and outweighs the blur.
+Large ones have less weight (Huber); clipped light, the blur of clipped lights (whose strength is
+unknown) and invented content have none. With an exposure, least squares find a gain of each
+channel, then a factor of each view over the frame, as the falloff of a wide aperture differs from
+that of a narrow one by more than the blur.
 """
 
 from __future__ import annotations
@@ -20,33 +20,32 @@ from torch.nn.functional import interpolate
 from defocus_core.fitting.pictures import Scale, registered
 from defocus_core.tensors.views import ViewTensors
 
-_BEND = 0.02  # of compressed light, from which on a difference counts less
+_BEND = 0.02  # difference of compressed light, beyond which the weight is less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
-_TRUSTED = 0.9  # fraction of the lens, from which on a pixel counts
-_MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
-_LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
-_FAINT = 1e-7  # of a channel of lost light, which must not decide how colours are filled in
-_FALLOFF = 4  # degree of the light's falloff to the corners, as that of cos⁴
-_CELLS = 32  # along a side, within which a factor over the frame is the same
-_KEPT = 4  # renderings, as a registration needs no other
+_TRUSTED = 0.9  # least trust of a pixel with a weight
+_MIN_WEIGHT = 0.05  # least mean weight of a picture
+_LOST = 1e-3  # share of clipped light above which a pixel has no weight
+_FAINT = 1e-7  # scale of the channel of lost light, which must not decide what colours fill in
+_FALLOFF = 4  # degree of the falloff to the corners, as that of cos⁴
+_CELLS = 32  # blocks along a side; the factor over the frame is constant in each
+_KEPT = 4  # renderings that are cached, as registrations share them
 _ABOUT = 60  # renderings of a fit
 
 
 class Point(NamedTuple):
-    """A value of each unknown."""
+    """One value of each unknown."""
 
     far: float  # signed radius of the least disparity, px of the sharp picture
-    near: float  # that of the greatest
+    near: float  # that of the greatest disparity
     across: float = 0.0  # px by which the blurred picture lies to the right of the sharp one
     down: float = 0.0  # px by which it lies below
     growth: float = 0.0  # logarithm of its magnification about the middle
-    # How far left and right are apart, in the distance of halves of the pupil that share no
-    # light; below 0 they are exchanged
+    # Separation of left and right, by that of ideal halves of the pupil; below 0 if exchanged
     separation: float = 1.0
 
 
 class Residual:
-    """The differences between what points make and what is observed."""
+    """The differences between predicted and observed pictures."""
 
     def __init__(
         self,
@@ -54,7 +53,7 @@ class Residual:
         rendered: Callable[..., ViewTensors],  # of a sharp picture and its radii
         *,
         exposure: bool,
-        infinity: float,  # the disparity of what is infinitely far
+        infinity: float,  # the disparity of infinity
         edge_width: float | None = None,  # as for `render`, in px of the pictures
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
@@ -75,7 +74,7 @@ class Residual:
         return one / (one + self._middle) - other / (other + self._middle), weight
 
     def modelled(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor, Tensor]:
-        """What a camera stores of a point [V, C, H, W], its weight [V, 1, H, W], and gains [C]."""
+        """The picture [V, C, H, W] predicted by a point, its weight [V, 1, H, W], and gains [C]."""
         light, trust = self._blurred(point, pictures)
         observed = pictures.observed
         if self._has_lost:
@@ -99,10 +98,10 @@ class Residual:
         return light, weight, gains
 
     def _blurred(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
-        """The views of light that a blur makes, and their trust [H, W].
+        """The blurred views of the sharp picture, and their trust [H, W].
 
-        The centre alone [1, C, H, W], or the centre, left and right. Where lights of the sharp
-        picture are clipped, their share is a channel more.
+        The centre alone [1, C, H, W], or the centre, left and right. If lights of the sharp picture
+        are clipped, their share is one more channel.
         """
         key = point.far, point.near, pictures
         if key in self._views:
@@ -126,7 +125,7 @@ class Residual:
 
 
 def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
-    """The factor of each view over the frame [V, 1, H, W] by least squares: of yⁱ xʲ, i + j ≤ 4."""
+    """The factor of each view over the frame [V, 1, H, W]: least squares of yⁱ xʲ, i + j ≤ 4."""
     size = [min(_CELLS, side) for side in light.shape[2:]]
     squares, products = (
         interpolate((common * light * each).sum(1, keepdim=True), size, mode="area").double()
@@ -150,7 +149,7 @@ def _monomials(size: list[int]) -> Tensor:
 
 
 def error_of(residual: Tensor, weight: Tensor) -> float:
-    """The mean of Huber's measure, over what counts; infinite if hardly anything does."""
+    """The weighted mean of Huber's measure; infinite if there is hardly any weight."""
     if float(weight.mean()) < _MIN_WEIGHT:
         return math.inf
     return float((measure_of(residual) * weight).sum() / (weight.sum() * residual.shape[1]))
@@ -163,5 +162,5 @@ def measure_of(residual: Tensor) -> Tensor:
 
 
 def robust_of(residual: Tensor, weight: Tensor) -> Tensor:
-    """Weights [V, C, H, W] by which least squares take Huber's measure."""
+    """Weights [V, C, H, W] by which least squares minimise Huber's measure."""
     return weight * (_BEND / residual.abs().clamp_min(1e-9)).clamp_max(1)

@@ -38,15 +38,15 @@ _RANGES = {
     "spherical": (-1.0, 1.0, "0 is a lens without spherical aberration"),
     "squeeze": (0.05, 40.0, "2 is ovals twice as tall as wide"),
 }
-# Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
+# Smaller radii are drawn as this one: far below half a pixel the kernel no longer changes.
 _MIN_RADIUS = 1e-6
 # Blurs wider than a grid by less than this share fit it; the light of wider ones is summed over so
 # many coarse pixels across the pupil.
 _FITS, _COARSE = 1e-6, 64
-# Light that spherical aberration leaves everywhere: a small disc may have one sample, where it
-# would take away all.
+# The least light that spherical aberration leaves: a small disc may have one sample, which would
+# else be dark.
 _MIN_LIGHT = 0.01
-# Radius in px of the kernel that is summed, and of the smaller of two of which a centroid is taken.
+# Radius in px of the kernel that is summed; radius of the smaller of two kernels for a centroid.
 _SUMMED_RADIUS = 48.0
 
 
@@ -118,7 +118,7 @@ class Aperture:
 
     @cached_property
     def outline(self) -> Outline:
-        """The border; a new shape of pupil is another class of outline, chosen here."""
+        """The outline of the pupil; a new shape of pupil is a new class of outline, chosen here."""
         shape: Outline = Polygon(self.blades, self.rotation) if self.blades else Disc()
         if self.image is not None:
             shape = self.image
@@ -132,19 +132,19 @@ class Aperture:
 
     @property
     def narrowing(self) -> tuple[Scalar, Scalar]:
-        """How many times it is narrower than the CoC along x and y, 1 or more."""
+        """The factors by which the pupil is narrower than the CoC along x and y, 1 or more."""
         tall = bool(self.squeeze >= 1)
         return (self.squeeze, 1.0) if tall else (1.0, 1 / self.squeeze)
 
     @property
     def requires_grad(self) -> bool:
-        """Whether gradients flow to an attribute: then nothing of it may be cached."""
+        """Whether gradients flow to an attribute, so that nothing may be cached."""
         values = (getattr(self, name) for name in _RANGES)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
 
     @property
     def fixed(self) -> Aperture:
-        """The same pupil with plain numbers for tensors, to cache by."""
+        """The same pupil with plain numbers in place of tensors, as a key of caches."""
         learnt: dict[str, Any] = {
             name: float(value.detach())
             for name in _RANGES
@@ -165,7 +165,7 @@ class Aperture:
             radius: Signed CoC radius in px, any shape, floating point.
             size: Number of pixels on a side. The centre is at (size - 1) / 2 on both axes, for an
                 even size the corner between the four middle pixels.
-            part: The part of the pupil to draw; turned with it where radius < 0.
+            part: The part of the pupil to draw, turned with the pupil where radius < 0.
             view: The pupil as points of the frame see it, if it changes over the frame.
 
         Returns:
@@ -199,7 +199,7 @@ class Aperture:
             limits = torch.linspace(-1, 1, _COARSE + 1, dtype=r.dtype, device=r.device)
             beyond = self._light(limits * r.detach().sign()[..., None], r, part, view)
             whole = torch.where(cut, beyond.sum((-2, -1), keepdim=True), whole)
-        dark = whole <= 0  # a rim may leave less open than rounding
+        dark = whole <= 0  # the area that a rim leaves open may be below rounding
         if bool(dark.any()):
             x, y = part.clamp(u[..., ::fine], u[..., ::fine])
             even = self.outline.areas(x, y) / area
@@ -209,10 +209,10 @@ class Aperture:
         return light.to(radius.dtype)
 
     def _light(self, u: Tensor, r: Tensor, part: Part, view: Rim | None) -> Tensor:
-        """Light between corners u [..., n] of pixels: [..., n - 1, n - 1], of any sum."""
+        """Light between the corners u [..., n] of pixels, not normalised: [..., n - 1, n - 1]."""
         x, y = part.clamp(u, u)
         light = self.outline.areas(x, y)
-        # a grey pixel of a picture is no border
+        # a grey pixel of a picture is not a border
         areas = light if self.image is None else torch.full_like(light, torch.inf)
         if self.psf_type == "gaussian":
             light = light * gaussian(u)
@@ -223,7 +223,7 @@ class Aperture:
         return light if view is None else light * view.left_open(areas, x, y, self.narrowing)
 
     def _of_outline(self, weigh: Any, part: Part) -> Scalar:
-        """The area of a part, or its weight; anew if gradients flow through it to attributes."""
+        """The area or weight of a part, cached unless gradients flow to attributes."""
         outline = self.outline if self.requires_grad else self.fixed.outline
         weight: Scalar = (weigh.__wrapped__ if self.requires_grad else weigh)(outline, part)
         return weight
@@ -231,7 +231,8 @@ class Aperture:
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
         """The light of spherical aberration in the middle of each pixel: [..., n - 1, n - 1].
 
-        Rays of the height h end at r (h + k h³): the light changes by a square of it, to 1st order.
+        A ray at height h ends at r (h + k h³); to first order the light changes with the square of
+        h.
         """
         x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
@@ -239,12 +240,13 @@ class Aperture:
         return light.clamp(min=_MIN_LIGHT)
 
     def fraction(self, part: Part) -> Scalar:
-        """The share of the pupil that lies in the part: the weight of this part in the whole.
+        """The share of the pupil that lies in a part, which is the weight of the part in the whole.
 
         The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
         the whole. LEFT and RIGHT of an asymmetric pupil differ (48.9 : 51.1 % for five blades at
-        0°): the centre is the mean of its parts by these weights, and of the pair. Of a gaussian
-        pupil the share of its weight, to about 1e-6. A number, unless the pupil learns.
+        0°): the centre is the mean of the parts, or of the pair, by these weights. For a gaussian
+        pupil it is the share of the weight, to about 1e-6. It is a number unless gradients flow to
+        the pupil.
         """
         if part.sensitivity is not None:
             seen = _fraction_seen.__wrapped__ if self.requires_grad else _fraction_seen
@@ -255,16 +257,17 @@ class Aperture:
         return self._of_outline(weigh, part) / self._of_outline(weigh, FULL)
 
     def fraction_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
-        """The share [...] of a part's area between x [..., 2] and y [..., 2], both ascending."""
+        """The share [...] of a part's area within x [..., 2] and y [..., 2], both ascending."""
         area = self._of_outline(area_of, part)
         return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / area
 
     def parts(self, count: int) -> list[Part]:
         """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
 
-        Two are the halves, four the halves halved again, each by area. Sixteen lie on a grid that a
-        quarter turn leaves as it is, without those that hold next to nothing. With spherical
-        aberration sixteen are four: the weights of outer parts would turn with the sign of r.
+        Two parts are the halves; four are the halves halved again by area. Sixteen lie on a grid
+        that a quarter turn maps to itself; parts of hardly any area are left out. With spherical
+        aberration four are made for sixteen, as the weights of outer parts would depend on the sign
+        of r.
 
         Raises:
             ValueError: If count is not 1, 2, 4 or 16.
@@ -280,15 +283,15 @@ class Aperture:
     ) -> tuple[Scalar, Scalar]:
         """The mean lens point (u.x, u.y) of the light of a part.
 
-        To 1e-6 of a disc, to 1e-4 of any. Numbers, unless they learn; [n] as n points of the frame
-        see it through a view; `nearer`: of the light of points nearer than focus.
+        The error is 1e-6 for a disc and up to 1e-4 for other pupils. Returns numbers, tensors if
+        gradients flow, or [n] for the n points of a view. `nearer`: for points nearer than focus.
         """
         if self.requires_grad or view is not None:
             return _centroid.__wrapped__(self, part, nearer=nearer, view=view)
         return _centroid(self.fixed, part, nearer=nearer)
 
     def first_moments(self, radius: float, part: Part) -> tuple[Scalar, Scalar]:
-        """Mean place of the kernel of a part, in px (to the right, downwards)."""
+        """The centroid of the kernel of a part, in px to the right and downwards."""
         size = 2 * math.ceil(abs(radius)) + 1
         x, y = _mean_place(self.kernel(torch.tensor(radius, dtype=torch.float64), size, part))
         return (x, y) if self.requires_grad else (float(x), float(y))
@@ -298,12 +301,12 @@ class Aperture:
 def _centroid(
     aperture: Aperture, part: Part, *, nearer: bool = False, view: Rim | None = None
 ) -> tuple[Scalar, Scalar]:
-    """The mean place of kernels of two radii, extrapolated: its error falls with their square.
+    """The centroid extrapolated from kernels of two radii, as its error falls with their square.
 
-    Kernels have an even size, so that what divides the halves runs between pixels.
+    Kernels have an even size, so that the line between the halves runs between pixels.
     """
     places = []
-    first = _SUMMED_RADIUS / (1 if view is None else 2)  # of many points a quarter of the time
+    first = _SUMMED_RADIUS / (1 if view is None else 2)  # a quarter of the time for many points
     for radius in (first, 2 * first):
         r = torch.tensor(-radius if nearer else radius, dtype=torch.float64)
         of_points = r if view is None else r.expand(view.points)
@@ -314,14 +317,14 @@ def _centroid(
 
 
 def _mean_place(kernel: Tensor) -> tuple[Tensor, Tensor]:
-    """The mean place of the light of kernels [..., size, size] of sum 1, in px from the middle."""
+    """The centroid of kernels [..., size, size] of sum 1, in px from the middle."""
     offset = torch.arange(kernel.shape[-1], dtype=kernel.dtype) - (kernel.shape[-1] - 1) / 2
     return kernel.sum(-2) @ offset, kernel.sum(-1) @ offset
 
 
 @lru_cache(maxsize=256)
 def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
-    """The share of the light of the pupil that a photodiode gets."""
+    """The share of the pupil's light that a photodiode gets."""
     r, size = torch.tensor(_SUMMED_RADIUS, dtype=torch.float64), 2 * int(_SUMMED_RADIUS) + 1
     corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
     seen = part.counted(corners / r, aperture.narrowing)
@@ -330,5 +333,5 @@ def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
 
 
 def _is(value: Scalar, number: float) -> bool:
-    """Whether an attribute is a plain number of this value, so that it has no effect."""
+    """Whether an attribute is a plain number of the value at which it has no effect."""
     return not isinstance(value, Tensor) and value == number

@@ -11,7 +11,7 @@ from defocus_core.tensors.validation import Scalar, number
 
 
 def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
-    """The px by which the radii of a colour differ from those that the lens is focused for.
+    """The difference in px between the radii of a colour and those that the lens is focused for.
 
     The image of a point lies at v' behind the lens, and its circle on a sensor at v is
     A (v - v') / v' across, signed. A colour whose images lie farther behind by a shift has circles
@@ -31,7 +31,7 @@ def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
 
 
 def apart(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
-    """The channels that are rendered together, and the px to add to their radii."""
+    """Groups of channels that are rendered together, each with the px to add to its radii."""
     if offsets is None:
         return [(list(range(channels)), 0.0)]
     if len(offsets) != channels:
@@ -40,6 +40,6 @@ def apart(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[in
     together: dict[float, tuple[list[int], Scalar]] = {}
     for c, px in enumerate(offsets):
         value = number("color_offsets", px, "in px of radius")
-        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # gradients stay apart
+        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # a gradient for each
         together.setdefault(key, ([], px))[0].append(c)
     return list(together.values())

@@ -1,7 +1,7 @@
-"""Cat's eye: the pupil clipped by the rim of the barrel, the more the farther from the middle.
+"""Cat's eyes: the rim of the barrel clips the pupil, more so farther from the middle.
 
-Towards the border of the frame light passes the rim of the barrel aslant: seen through it, the
-pupil and the rim do not lie in one line. What is left of the pupil has the shape of a cat's eye.
+Light for the border of the frame passes the barrel obliquely, so that the rim and the pupil are not
+aligned. The part of the pupil that stays open has the shape of a cat's eye.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from defocus_core.optics.parts import middles
 from defocus_core.tensors.validation import Scalar, number
 
 _LENGTHS = "lengths are in radii of the pupil"
-# The rim keeps this share of its radius about the middle of the pupil.
+# The rim leaves at least this share of its radius open about the middle of the pupil.
 _MIN_OPEN = 0.1
 _TINY = 1e-12
-# Radius in px below which a clipped pupil is sampled in parts of a pixel, so many at most.
+# Radius in px below which a clipped pupil is sampled in parts of a pixel; greatest number of parts.
 _FINE_RADIUS, _MAX_FINE = 10.0, 16
 
 
@@ -43,9 +43,9 @@ class Rim(NamedTuple):
     ) -> Tensor:
         """The share of areas [..., m - 1, n - 1] of the pupil in pixels that the rim leaves open.
 
-        Of a pixel that both the border of the pupil and the rim cut, the two cuts share as much as
-        two lines through its middle do at their angle: all of the lesser part where they lie along
-        each other, their product where they cross at right angles.
+        Where the borders of pupil and rim cut the same pixel, the overlap is that of two lines
+        through the middle of the pixel at the same angle: the smaller area if they are parallel,
+        the product of the areas if they cross at right angles.
         """
         opening = Squeezed(self.outline, *narrowing).areas(x, y)
         whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
@@ -63,7 +63,7 @@ class Rim(NamedTuple):
         return torch.where(is_open, both / torch.where(is_open, pupil, 1.0), 0.0)
 
     def _along(self, x: Tensor, y: Tensor) -> Tensor:
-        """How far the borders of the pupil and of the rim lie along each other: -1 to 1."""
+        """How parallel the borders of the pupil and of the rim are: -1 to 1."""
         left, top = (
             middle[..., None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)
@@ -72,16 +72,16 @@ class Rim(NamedTuple):
         beside, below = (x - left)[..., None, :], (y - top)[..., :, None]
         lengths = ((across**2 + down**2) * (beside**2 + below**2) + _TINY).sqrt()
         cosine = (across * beside + down * below) / lengths
-        return cosine * (0.6 + 0.4 * cosine**2)  # about 1 less the angle in right angles
+        return cosine * (0.6 + 0.4 * cosine**2)  # about 1 minus the angle in right angles
 
     @property
     def points(self) -> int:
-        """The number of points that see it."""
+        """The number of points that see the rim."""
         return self.x.numel() if isinstance(self.x, Tensor) else 1
 
     @classmethod
     def joined(cls, rims: Sequence[Rim]) -> Rim:
-        """Rims of one size as one, as so many points see it."""
+        """Rims of one size joined to one, with the points of all."""
         x, y = (
             torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in positions])
             for positions in zip(*((rim.x, rim.y) for rim in rims), strict=True)
@@ -89,21 +89,21 @@ class Rim(NamedTuple):
         return cls(rims[0].size, x, y)
 
     def of(self, which: Tensor | slice) -> Rim:
-        """The rim as the points of these indices see it; its size is common to all."""
+        """The rim as seen by the points of some indices; its size is common to all."""
         x, y = (torch.as_tensor(position)[which] for position in (self.x, self.y))
         return self._replace(x=x, y=y)
 
 
 @dataclass(frozen=True)
 class _OffsetDisc(Outline):
-    """A disc of any size and place; what of it lies within the square of lens points counts."""
+    """A disc of any size and place, cut to the square of lens points."""
 
     size: Scalar
     x: Scalar
     y: Scalar
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """That of the unit disc, at the same place of it."""
+        """G of the unit disc at the corresponding place."""
         left, top = (
             middle[..., None, None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)
@@ -119,9 +119,9 @@ class CatEye:
 
     Attributes:
         size: Radius of the rim in radii of the pupil; a small rim clips in the middle, too.
-        shift: How far the rim and the pupil are apart at the corners of the frame, in radii of the
-            pupil: the distance of the rim before the pupil, in these radii, times the tangent of
-            the field angle.
+        shift: Distance between the centres of rim and pupil at the corners of the frame, in radii
+            of the pupil: the distance of the rim before the pupil, in these radii, times the
+            tangent of the field angle.
         vignetting: Whether corners are darker by the share of light that they lose.
         pixel_aspect: The width of a pixel by its height.
 
@@ -161,15 +161,15 @@ class CatEye:
         return Rim(size, shift * -across, shift * -down)
 
     def _from_middle(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> tuple[Scalar, Scalar]:
-        """How far points lie right of and below the middle, by the distance of the corners."""
+        """Offsets of points to the right of and below the middle, in distances of a corner."""
         height, width = frame
         corner = math.hypot(height, width * self.pixel_aspect) / 2
         return (x - width / 2) * self.pixel_aspect / corner, (y - height / 2) / corner
 
     def apart(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
-        """How far the rim and the pupil are apart before points, as `view`, in radii of the pupil.
+        """Distance of the centres of rim and pupil for points, as `view`, in radii of the pupil.
 
-        With a gradient to shift in the middle of the frame and at a shift of 0, too.
+        It has a gradient to shift in the middle of the frame and at a shift of 0, too.
         """
         rim = self.view(x, y, frame)
         distance = torch.hypot(torch.as_tensor(rim.x).detach(), torch.as_tensor(rim.y).detach())
@@ -182,7 +182,7 @@ class CatEye:
 
 
 def falloff(apart: Tensor, size: Scalar) -> Tensor:
-    """The share of a round pupil that a rim leaves open, for middles [...] radii apart."""
+    """The share of a round pupil that a rim leaves open, for centres [...] radii apart."""
     rim = torch.as_tensor(size, dtype=apart.dtype, device=apart.device)
     d, r = apart.detach().clamp(min=1e-9), rim.detach()
     first = ((d * d + 1 - r * r) / (2 * d)).clamp(-1, 1)
@@ -199,5 +199,5 @@ def falloff(apart: Tensor, size: Scalar) -> Tensor:
 
 
 def fineness(radius: float) -> int:
-    """Parts of a pixel, along an axis, in which a rim of a blur of some px clips evenly."""
+    """The parts per pixel and axis that sample a clipped blur of some px evenly."""
     return max(1, min(_MAX_FINE, math.ceil(_FINE_RADIUS / radius)))

@@ -1,8 +1,8 @@
-"""Distributions that options of a lens are drawn from, and draws that can be repeated.
+"""Distributions from which options of a lens are drawn, and reproducible draws.
 
-A draw depends on its keys and the name of the option, and on nothing else: not on other options,
-other pictures, the machine or the process. Numbers have six digits, so that machines whose
-logarithms round differently draw the same.
+A draw depends on its keys and the name of the option alone, not on other options, other pictures,
+the machine or the process. Numbers have six digits, so that machines whose logarithms round
+differently draw the same.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any
 
-# Greatest number of lenses drawn for a picture until one suits it.
+# Greatest number of lenses that are drawn for a picture to find a suitable one.
 ATTEMPTS = 100
 
-# The number at a share in [0, 1) of the range from low to high.
+# The number at a fraction in [0, 1) of the range from low to high.
 _RANGES: dict[str, Callable[[float, float, float], float]] = {
     "uniform": lambda low, high, fraction: low + (high - low) * fraction,
     "loguniform": lambda low, high, fraction: low * (high / low) ** fraction,
@@ -32,8 +32,8 @@ class Distribution:
 
     Attributes:
         kind: "uniform"; "loguniform", uniform in the logarithm; "disparity", uniform in 1/distance;
-            "percentile", a percentile of the depth, uniform from 0 to 100; or "choice", each value
-            as often as the others.
+            "percentile", a percentile of the depth, uniform from 0 to 100; or "choice", every value
+            equally likely.
         values: The low and the high end of the range, or the values to choose from. Equal ends fix
             the value; the high end of "disparity" may be inf.
     """
@@ -67,7 +67,7 @@ class Distribution:
             raise ValueError(f"percentile must lie between 0 and 100, {ends}")
 
     def at(self, fraction: float) -> Any:
-        """The value at a share in [0, 1) of the distribution."""
+        """The quantile of the distribution at a fraction in [0, 1)."""
         if self.kind == "choice":
             return self.values[int(fraction * len(self.values))]
         low, high = self.values
@@ -76,7 +76,7 @@ class Distribution:
 
 
 def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
-    """The value of each option: by keys like a seed and a name if it is a distribution."""
+    """The value of each option; distributions are drawn by keys like a seed and a name."""
     return {
         name: option.at(_fraction(*keys, name)) if isinstance(option, Distribution) else option
         for name, option in options.items()
@@ -91,5 +91,5 @@ def _fraction(*keys: object) -> float:
 
 
 def percentile_rank(percent: float, total: int) -> int:
-    """The rank, from 1, of the least of `total` numbers that a share of them does not exceed."""
+    """The rank, from 1, of a percentile among `total` numbers: the nearest rank at or above it."""
     return min(max(math.ceil(total * (percent / 100)), 1), total)

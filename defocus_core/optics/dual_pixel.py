@@ -65,13 +65,13 @@ class DualPixel:
         return left, right
 
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
-        """As `Aperture.kernel`, in the centre, left and right images: [..., 3, size, size]."""
+        """`Aperture.kernel` of the centre, left and right images: [..., 3, size, size]."""
         left, right = (aperture.kernel(radius, size, part) for part in self.halves)
         centre = aperture.kernel(radius, size)
         return torch.stack([centre, *self.crossed(torch.stack([left, right]), centre)], -3)
 
     def crossed(self, pair: Tensor, centre: Tensor) -> Tensor:
-        """Left and right [2, C, h, w] with crosstalk; their mean, the centre [C, h, w], stays."""
+        """Left and right [2, C, h, w] with crosstalk, which keeps their mean, the centre."""
         apart = self.apart
         if isinstance(apart, float) and apart == 1:
             return pair
@@ -79,17 +79,17 @@ class DualPixel:
 
     @property
     def apart(self) -> Scalar:
-        """How far left and right are apart, as a share of what they are without crosstalk."""
+        """The separation of left and right as a fraction of that without crosstalk."""
         own = DUAL_PIXEL_SENSORS[self.model][1] if self.model in DUAL_PIXEL_SENSORS else 0.0
         return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
 
     def disparity(
         self, aperture: Aperture, *, nearer: bool = False, view: Rim | None = None
     ) -> Any:
-        """Px along x between the centroids of left and right for a CoC radius of a px.
+        """The distance in px along x between the centroids of left and right per px of CoC radius.
 
-        It has the sign of the radius. A number, or [n] for the n points of a view; `nearer`: for
-        points nearer than focus, which spherical aberration shows otherwise.
+        It has the sign of the radius. Returns a number, or [n] for the n points of a view.
+        `nearer`: for points nearer than focus, which differ under spherical aberration.
         """
         pupil = aperture.fixed
         left, right = (pupil.centroid(part, nearer=nearer, view=view)[0] for part in self.halves)

@@ -20,12 +20,12 @@ from defocus_core.tensors.validation import Scalar, described
 
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
 _LEVEL_SLOPE = 1e-6
-# Rounding error of differences of areas of about 1; and the least area that counts, as a share of
-# the rectangle, where rectangles are so small.
+# Rounding error of differences of areas of about 1; the least area that counts in rectangles so
+# small, as a share of the rectangle.
 _ROUNDING, _MIN_FRACTION = 2e-15, 1e-2
-# Opaque discs of less than this radius hide less than rounding.
+# Opaque discs below this radius hide less than rounding error.
 _MIN_RATIO = 1e-7
-# Below this curvature areas are interpolated: the sagitta is below 4e-4 of the radius.
+# Areas are interpolated below this curvature, where the sagitta is below 4e-4 of the radius.
 _STRAIGHT = 1e-3
 
 
@@ -34,7 +34,7 @@ class Outline(ABC):
 
     @abstractmethod
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of x [..., 1, n], y [..., m, 1], up to terms in one alone, which differences remove."""
+        """G of x [..., 1, n] and y [..., m, 1], up to terms in one of them alone."""
 
     def areas(self, x: Tensor, y: Tensor) -> Tensor:
         """Areas [..., m - 1, n - 1] between consecutive x [..., n] and y [..., m], in [-1, 1].
@@ -43,7 +43,7 @@ class Outline(ABC):
         """
         x, y = x[..., None, :], y[..., :, None]
         areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)
-        # outside, rounding is all that is left
+        # outside the outline only rounding is left
         minimum = (_MIN_FRACTION * (x.diff(dim=-1) * y.diff(dim=-2)).abs()).clamp(max=_ROUNDING)
         return torch.where(areas > minimum, areas, 0.0)
 
@@ -104,7 +104,7 @@ class Polygon(Outline):
 
 @dataclass(frozen=True)
 class Obstructed(Outline):
-    """An outline around an opaque disc, as the secondary mirror of a mirror lens leaves it."""
+    """An outline around an opaque disc, like the secondary mirror of a mirror lens."""
 
     outline: Outline
     ratio: Scalar  # radius of the opaque disc in radii of the lens, within [0, 1)
@@ -153,9 +153,9 @@ class CurvedPolygon(Outline):
     curvature: Scalar  # 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """That within arcs; within hardly curved ones between it and that within straight edges.
+        """G within arcs; for nearly straight arcs interpolated towards that of straight edges.
 
-        Areas beside arcs of very large circles lose digits, and bulge in proportion to curvature.
+        Areas beside arcs of very large circles lose digits, and are linear in curvature there.
         """
         curvature = torch.as_tensor(self.curvature, dtype=x.dtype, device=x.device)
         if self.curvature >= _STRAIGHT:
@@ -190,7 +190,7 @@ class CurvedPolygon(Outline):
             angles = [middle - span, *upright, middle + span]
             for side, limits in zip(pairwise(angles), pairwise(cuts), strict=True):
                 left, right = sorted(limits, key=Tensor.item)
-                # where it ends at the cut, a gradient moves the cut
+                # a gradient moves the cut where the arc ends at it
                 piece = torch.where(t < right, torch.where(t > left, t, left), right)
                 if math.sin(sum(side) / 2) < 0:  # y is downwards
                     total = total + _up_to_arc(piece, height, radius)
@@ -207,7 +207,7 @@ def inradius(sides: int, curvature: float) -> float:
 
 
 def _upright(start: float, end: float) -> list[float]:
-    """Angles between two at which a circle is upright: between them a height for each x is left."""
+    """Angles between two at which a circle is vertical; between them each x has one height."""
     first, last = math.floor(start / math.pi) + 1, math.ceil(end / math.pi) - 1
     return [k * math.pi for k in range(first, last + 1)]
 
@@ -226,16 +226,16 @@ def _area(t: Tensor, radius: Tensor) -> Tensor:
     return (t * h + radius * radius * torch.atan2(t, h)) / 2
 
 
-# Transmission below this share of the greatest is dark: noise of a measured picture has no extent.
+# Transmission below this share of the greatest is dark, so that noise does not extend the pupil.
 _DARK = 1e-3
 
 
 class PupilImage(Outline):
     """A picture of the pupil as points beyond focus show it: x to the right, y down.
 
-    Its centroid lies in the middle of the lens, and the radius of the lens is the greatest distance
-    from there to the border of a bright pixel, sideways or up and down. Pixels are squares of even
-    transmission, so that areas are exact. Two of the same picture are equal.
+    Its centroid is the middle of the lens. The radius of the lens is the greatest distance along an
+    axis from there to the border of a bright pixel. Pixels are squares of constant transmission, so
+    that areas are exact. Two instances of the same picture are equal.
     """
 
     def __init__(self, transmission: Tensor) -> None:
@@ -245,7 +245,7 @@ class PupilImage(Outline):
             transmission: [H, W], 0 or more; its scale does not matter.
 
         Raises:
-            ValueError: If it is no picture of finite numbers, or all of it is dark.
+            ValueError: If transmission is not a picture of finite numbers, or all dark.
         """
         if not (isinstance(transmission, Tensor) and transmission.dim() == 2):
             problem = f"transmission must be a tensor [H, W], got {described(transmission)}"
@@ -280,13 +280,13 @@ class PupilImage(Outline):
 
     @property
     def deviation(self) -> float:
-        """The standard deviation of its light along x, in px."""
+        """The standard deviation of the light along x, in px."""
         light = self._sums[-1].diff()
         away = torch.arange(len(light), dtype=light.dtype) + 0.5 - self._middle[0]
         return float((light @ away**2 / light.sum()).sqrt())
 
     def about(self, middle: tuple[float, float], radius: float) -> None:
-        """Let another place be the middle of the lens, and another radius its own."""
+        """Set the middle and the radius of the lens, in px."""
         self._middle, self._radius = middle, radius
         position = repr((*middle, radius)).encode()
         self._key = (self._key[0], blake2b(self._key[1] + position).digest())
@@ -299,7 +299,7 @@ class PupilImage(Outline):
 
     @classmethod
     def placed(cls, picture: Tensor, middle: tuple[float, float], radius: float) -> PupilImage:
-        """A picture [H, W] as it is: its px x and y in the middle of the lens, and its radius."""
+        """The pupil of a picture [H, W] whose middle (x, y) and radius are given in px."""
         image = object.__new__(cls)
         image._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
         image._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
@@ -308,7 +308,7 @@ class PupilImage(Outline):
 
     @property
     def middle(self) -> tuple[float, float]:
-        """The px, x and y, of the middle of the lens."""
+        """The middle of the lens as (x, y) in px."""
         return self._middle
 
     @property
@@ -317,7 +317,7 @@ class PupilImage(Outline):
         return self._radius
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The sum of the picture left of x and above y: bilinear between corners of its pixels."""
+        """The sum of the picture left of x and above y, bilinear between corners of pixels."""
         sums = self._sums.to(x.device)
         (row, below), (column, beside) = (
             self._coarse_pixel(value, middle, count)
@@ -330,7 +330,7 @@ class PupilImage(Outline):
         return torch.lerp(above, under, below) / self._radius**2
 
     def _coarse_pixel(self, position: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
-        """The pixel, of `count`, that holds each place of the lens, and the share before it."""
+        """The pixel, of `count`, that holds each place of the lens, and the place within it."""
         at = (position * self._radius + middle).clamp(0, count)
         pixel = at.detach().floor().clamp(max=count - 1)
         return pixel.long(), at - pixel

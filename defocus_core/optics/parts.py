@@ -1,9 +1,9 @@
-"""Parts of the pupil: halves, quarters and sixteenths, and what a photodiode sees of it.
+"""Parts of the pupil: halves, quarters, sixteenths, and the part that a photodiode sees.
 
-Kernels that were measured for the left and the right photodiodes say their sensitivity: at each
-lens point the left one gets the share that its kernel is of both. Where neither has light, it is
-that of the light around. Measured kernels end softly, amid noise: the border of the lens is where
-their light falls to half of its greatest, and faint light has no share.
+Kernels measured for the left and the right photodiodes give their sensitivity: the share of the
+left one at a lens point is its kernel over the sum of both, or that of the surroundings where
+neither has light. Measured kernels end softly, amid noise: the border of the lens is where their
+light falls to half of its maximum, and faint light is ignored.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from torch.nn.functional import pad
 from defocus_core.optics.outline import Outline, PupilImage
 from defocus_core.tensors.validation import Scalar, described
 
-# Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
+# Cuts between sixteen parts, along both axes, for which the parts of a disc are about equally
+# large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
 # The least share of the pupil that is a part.
 _MIN_PART = 1e-3
@@ -32,8 +33,8 @@ _WEIGHING_RADIUS = 256.0
 class Part:
     """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1.
 
-    What lies in it counts 1 + lean u.x times, or as often as the sensitivity of a photodiode says;
-    of a squeezed pupil, u before it is squeezed.
+    Light in it is weighted by 1 + lean u.x, or by the sensitivity of a photodiode; u of a squeezed
+    pupil is that before the squeeze.
     """
 
     x0: float = -1.0
@@ -45,16 +46,16 @@ class Part:
 
     @property
     def is_uneven(self) -> bool:
-        """Whether some of it counts more often than the rest."""
+        """Whether the weight varies over the part."""
         return bool(self.lean) or self.sensitivity is not None
 
     @property
     def is_left(self) -> bool:
-        """Whether it belongs to the left of two halves."""
+        """Whether the part belongs to the left of two halves."""
         return self.x1 <= 0 or self.lean < 0 or bool(self.sensitivity and self.sensitivity.is_left)
 
     def counted(self, u: Tensor, narrowing: tuple[Scalar, Scalar]) -> Tensor:
-        """How often the light counts between corners u [..., n]: [..., n - 1, n - 1] or alike."""
+        """Weights of the light between corners u [..., n]: broadcastable to [..., n - 1, n - 1]."""
         if self.sensitivity is None:
             return 1 + self.lean * narrowing[0] * middles(u)[..., None, :]
         x, y = ((u * times).clamp(-1, 1) for times in narrowing)
@@ -87,7 +88,7 @@ def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
 
 
 def _bisecting_height(outline: Outline, part: Part) -> float:
-    """The y of the level cut that halves a part's area, by bisection."""
+    """The y of the horizontal cut that halves a part's area, by bisection."""
     low, high, half = part.y0, part.y1, area_of(outline, part) / 2
     for _ in range(50):
         middle = (low + high) / 2
@@ -126,26 +127,26 @@ def gaussian(u: Tensor) -> Tensor:
 
 
 def middles(u: Tensor) -> Tensor:
-    """Lens points in the middle of what of each pixel [..., n - 1] lies between -1 and 1."""
+    """The middle of the part of each pixel [..., n - 1] that lies within [-1, 1]."""
     inside = u.clamp(-1, 1)
     return (inside[..., 1:] + inside[..., :-1]) / 2
 
 
-# Shares of the greatest light of a measured kernel: of its noise at most, and of its border.
+# Shares of the maximum of a measured kernel: the greatest of its noise, and that of its border.
 _FAINT, _BORDER = 0.1, 0.5
 
 
 class Sensitivity:
     """The share of the light [0, 1] that one of two photodiodes gets, over the lens.
 
-    Two of the same picture are equal; `is_left` says of which of the two it is.
+    Two instances of the same picture are equal. `is_left` is True for the left photodiode.
     """
 
     def __init__(self, fraction: Tensor, kernel: PupilImage, *, is_left: bool) -> None:
         """Place a picture over the lens.
 
-        `fraction`: [H, W] in [0, 1], of light that the two get together; all lens points are in it;
-        `kernel`: the picture [H, W] of this light, with the middle and the radius of the lens.
+        `fraction`: [H, W] in [0, 1] of the light of both, covering all lens points. `kernel`: the
+        picture [H, W] of this light, with the middle and the radius of the lens.
         """
         self.is_left = is_left
         self._fractions = PupilImage.placed(fraction, kernel.middle, kernel.radius)
@@ -157,7 +158,7 @@ class Sensitivity:
         return hash(self._fractions)
 
     def between(self, x: Tensor, y: Tensor) -> Tensor:
-        """The mean share between lens points x [..., n] and y [..., m]; 0 where nothing is."""
+        """The mean share between lens points x [..., n] and y [..., m], 0 where the area is 0."""
         area = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
         fraction = self._fractions.areas(x, y)
         return torch.where(area > 0, fraction / torch.where(area > 0, area, 1.0), 0.0)
@@ -167,12 +168,12 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
     """The sensitivities of two photodiodes whose kernels were measured.
 
     Args:
-        left: [H, W], 0 or more: what the left one sees of a point beyond focus.
-        right: The same of the right one, to the same scale.
+        left: [H, W], 0 or more: the image of a point beyond focus in the left one.
+        right: The same in the right one, to the same scale.
 
     Raises:
-        ValueError: If they are no pictures of one size, or no light is in them, or if left does not
-            lie to the left.
+        ValueError: If they are not pictures of one size, are black, or left does not lie to the
+            left.
     """
     for name, kernel in (("left", left), ("right", right)):
         alike = isinstance(kernel, Tensor) and kernel.shape == left.shape
@@ -188,9 +189,9 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
 
 
 def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
-    """The share [H, W] of the left of two kernels, and their light."""
+    """The share [H, W] of the left kernel in the sum of both, and this sum."""
     both = left + right
-    PupilImage(both)  # refuses what is no picture
+    PupilImage(both)  # raises if one is not a picture
     if not bool((left >= 0).all() and (right >= 0).all()):
         raise ValueError("left and right must be 0 or more, got less; take the black level away")
     column = torch.arange(left.shape[1], dtype=torch.float64)
@@ -201,7 +202,7 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
     bright = both > _FAINT * both.max()
     left, both = torch.where(bright, left, 0.0), torch.where(bright, both, 0.0)
     side = max(both.shape)
-    beyond = (side,) * 4  # the square of lens points is in the picture
+    beyond = (side,) * 4  # so that the picture holds the square of lens points
     left, both = pad(left, beyond), pad(both, beyond)
     whole = PupilImage(both)
     border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
@@ -210,7 +211,7 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
 
 
 def _fill(part: Tensor, whole: Tensor) -> Tensor:
-    """The share [H, W] that a part is of the whole; without light that of the light around."""
+    """The share [H, W] of a part in the whole; where it is dark, that of the surroundings."""
     fraction, known, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)
     while not bool(known.all()):
@@ -222,7 +223,7 @@ def _fill(part: Tensor, whole: Tensor) -> Tensor:
 
 
 def _boxes(light: Tensor, reach: int) -> Tensor:
-    """The sum [H, W] of the square around each pixel, so many px to each side, by running sums."""
+    """The sum [H, W] over the square of `reach` px around each pixel, by running sums."""
     sums = pad(light, (reach + 1, reach, reach + 1, reach)).cumsum(0).cumsum(1)
     rows = sums[2 * reach + 1 :] - sums[: -2 * reach - 1]
     return rows[:, 2 * reach + 1 :] - rows[:, : -2 * reach - 1]

@@ -16,12 +16,12 @@ from defocus_core.optics.parts import LEFT
 from defocus_core.optics.thin_lens import ThinLens
 from defocus_core.tensors.validation import Scalar, flag, number, whole
 
-# Kernels of discs wider than this times ks are all alike: level.
+# Kernels of discs wider than this times ks are constant.
 _LEVEL = 1000
-# Radii in px between which halves of kernels go over from an exact distance to exact areas, which
-# are then apart to 1 %.
+# Radii in px between which halves of kernels change from an exact distance to exact areas, whose
+# distance is then exact to 1 %.
 _EXACT_DISTANCE, _EXACT_AREAS = 4.0, 8.0
-# Shifts in px that are rounding.
+# Smaller shifts in px are rounding errors.
 _NO_SHIFT = 1e-6
 
 
@@ -145,7 +145,7 @@ class PsfLens(ThinLens):
         return left.repeat(times), right.repeat(times)
 
     def _radii(self, points: Tensor, ks: int, strict: bool) -> tuple[Tensor, int]:
-        """Signed radii in px of points, and ks, once it is known whether the blur fits it."""
+        """Signed radii in px of points, and ks, after a check that the blur fits."""
         points = self._tensor("points", points)
         if points.ndim not in (1, 2) or points.shape[-1] != 3:
             raise ValueError(
@@ -174,12 +174,12 @@ class PsfLens(ThinLens):
 
 
 def _cut(radii: Tensor, ks: int) -> Tensor:
-    """Where kernels of ks px cut off the blur; what rounding adds to it is not cut off."""
+    """Where kernels of ks px cut off the blur by more than rounding."""
     return 2 * radii.detach().abs() > ks * (1 + 1e-6)
 
 
 def _normalise(kernel: Tensor, radii: Tensor) -> Tensor:
-    """Kernels [..., ks, ks], those that are cut off divided by their sum."""
+    """Kernels [..., ks, ks]; those that are cut off are divided by their sum."""
     cut = _cut(radii, kernel.shape[-1])[..., None, None]
     return torch.where(cut, kernel / kernel.sum((-2, -1), keepdim=True), kernel)
 
@@ -187,10 +187,10 @@ def _normalise(kernel: Tensor, radii: Tensor) -> Tensor:
 def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
     """Kernels [..., ks, ks] of the left half of a round aperture.
 
-    The areas of the half in pixels do not say where in a pixel it lies: within a pixel of focus
-    halves are not apart for an odd ks, and a pixel apart for an even one. So their odd part, half
-    minus whole, is taken as often as the lens says the half is shifted, once at most; what is
-    missing then is added as the slope of the whole. Both leave the mean of the halves as it is.
+    Areas in pixels do not resolve where in a pixel the half lies: near focus, halves have a
+    distance of 0 for an odd ks, and of 1 px for an even one. So the odd part, half minus whole, is
+    scaled to the shift by the lens, by 1 at most; the rest of the shift is added as the slope of
+    the whole. Both keep the mean of the halves.
     """
     even = _normalise(aperture.kernel(radii, ks), radii)
     odd = _normalise(aperture.kernel(radii, ks, LEFT), radii) - even
@@ -210,7 +210,7 @@ def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
 
 
 def _ratio(part: Tensor, whole: Tensor, otherwise: float) -> Tensor:
-    """The quotient of shifts in px; `otherwise` where the whole is not shifted."""
+    """The ratio of two shifts in px; `otherwise` where the divisor is 0."""
     shifted = whole.abs() > _NO_SHIFT
     return torch.where(shifted, part / torch.where(shifted, whole, 1.0), otherwise)
 

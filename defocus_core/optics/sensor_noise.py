@@ -20,19 +20,19 @@ def with_noise(
     seed: int | Sequence[int],
     first_row: int = 0,
 ) -> Tensor:
-    """Light as a sensor counts it: a Poisson number of electrons, and what reading adds to them.
+    """Light as counted by a sensor: a Poisson number of electrons, plus read noise.
 
-    Each row has random numbers of its own: a picture in strips is the whole picture.
+    Each row has its own random numbers, so that strips of a picture equal the whole.
 
     Args:
-        light: [C, H, W] or [B, C, H, W], linear. What is negative has no shot noise.
+        light: [C, H, W] or [B, C, H, W], linear. Negative light has no shot noise.
         electrons: Mean number of electrons of a light of 1.
         read: Standard deviation of the read noise in electrons, 0 or more.
-        seed: A whole number, of a batch one for each picture; the same makes the same noise.
+        seed: A whole number, one for each picture of a batch; equal seeds give equal noise.
         first_row: Number of the first row in its picture.
 
     Returns:
-        As the light, on the CPU, in its dtype.
+        Light of the same shape and dtype, on the CPU.
 
     Raises:
         ValueError: If an argument is not one of the above.
@@ -61,6 +61,6 @@ def with_noise(
     return (noisy / electrons).to(light.dtype)
 
 
-# Seeds of pictures are this far apart, more than a picture has rows.
+# Distance between the seeds of pictures: more than a picture has rows.
 _PRIME = 1_000_003
 _MAX_SEED = 2**63 - 1

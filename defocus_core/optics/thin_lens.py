@@ -42,7 +42,7 @@ _SIDES = "sensor_size is (width, height) in mm, sensor_res in px"
 
 
 def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: float) -> float:
-    """The f-number of a lens: its strength k = f² / (2 p N (1 - f d₀)), solved for N.
+    """The f-number of a lens of strength k = f² / (2 p N (1 - f d₀)), solved for N.
 
     Args:
         strength: px of radius for a disparity of 1 per mm.
@@ -64,10 +64,10 @@ def far_point(foclen: Tensor, fnum: Tensor, coc: Tensor) -> Tensor:
 
 
 def depth_of_field(foc_dist: Tensor, margin: Tensor, farthest: Tensor) -> tuple[Tensor, Tensor]:
-    """Near and far limit in mm, 1 / (1/s ± c / (A v)), focused at s mm; far is inf from a limit on.
+    """Near and far limit in mm, 1 / (1/s ± c / (A v)), of a focus at s mm; far may be inf.
 
     `margin`: the acceptable CoC by that of a disparity of 1 per mm, c / (A v); `farthest`: mm, the
-    `far_point`, where rounding may leave a rest of disparity.
+    `far_point`, from which on far is inf whatever rounding leaves of disparity.
     """
     disparity = 1 / foc_dist
     finite = (foc_dist < farthest) & (disparity > margin)
@@ -82,14 +82,14 @@ def field_of_view(side: float, foclen: Scalar) -> Scalar:
 
 
 def coc_of(per_disparity: Tensor, focus: Tensor, depth: Tensor) -> Tensor:
-    """The law: signed CoC in mm of depths in mm, by A v and by 1/s, the disparity in focus."""
+    """The law: signed CoC in mm of depths in mm, given A v and 1/s, the disparity in focus."""
     return per_disparity * (focus - 1 / depth)
 
 
 def radii_of_each(lenses: Sequence[ThinLens], depth: Tensor) -> Tensor:
-    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, by a lens of each.
+    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, with a lens for each.
 
-    One operation for all; `d_close` and the like are left out.
+    One operation computes all; `d_close`, `d_far` and `sharp_range` are ignored.
     """
     like, terms = torch.empty(1, dtype=depth.dtype, device="cpu"), []
     for lens in lenses:
@@ -116,8 +116,8 @@ class ThinLens:
         foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
         d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
         d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
-        sharp_range: (nearest, farthest) distance in mm of what is in focus besides, with a CoC of
-            0; None for none. The law is unchanged outside.
+        sharp_range: (nearest, farthest) distance in mm of a range that has a CoC of 0, too; None
+            for none. The law is unchanged outside.
         obj_depth: Depth that the PSF maps show by default, in mm.
     """
 
@@ -130,15 +130,15 @@ class ThinLens:
         device: torch.device | str | None = None,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        """Describe lens and sensor; the focus is at 20 m, or at infinity if foclen is not less.
+        """Describe lens and sensor, focused at 20 m, or at infinity if foclen is 20 m or more.
 
         Args:
             foclen: Focal length in mm, > 0, or one of each picture [B].
             fnum: F-number, > 0, or one of each picture [B].
             sensor_size: (width, height) in mm.
             sensor_res: (width, height) in px.
-            device: Where results for plain numbers live; by default a CUDA device if there is one,
-                else the CPU. What is computed from a tensor stays on the tensor's device.
+            device: Device of results for plain numbers; by default a CUDA device if there is one,
+                else the CPU. Results for a tensor stay on the tensor's device.
             dtype: Floating-point type of results for plain numbers.
 
         Raises:
@@ -160,7 +160,7 @@ class ThinLens:
         self.refocus(-20000.0 if longest < 20000.0 else -math.inf)
 
     def __getattr__(self, name: str) -> Any:
-        """What replaces an attribute that went."""
+        """Raise AttributeError, with the replacement of an attribute that was removed."""
         words = f"{type(self).__name__!r} object has no attribute {name!r}"
         instead = remedy("python", name, "DefocusLens")
         raise AttributeError("; ".join(filter(None, (words, instead))))
@@ -188,7 +188,7 @@ class ThinLens:
         return self
 
     def astype(self, dtype: torch.dtype) -> Self:
-        """Compute results for plain numbers in another floating-point type; as `to`, this lens.
+        """Compute results for plain numbers in another floating-point type; returns this lens.
 
         Raises:
             ValueError: If it is not floating point.
@@ -212,9 +212,9 @@ class ThinLens:
         self.sensor_size, self.sensor_res = size, res
 
     def set_sensor_res(self, sensor_res: tuple[int, int]) -> None:
-        """Change the pixels of the sensor, whose diagonal in mm stays as it is.
+        """Change the resolution of the sensor, and keep its diagonal in mm.
 
-        The sensor takes the aspect of its pixels, so that these are square.
+        The aspect of the sensor becomes that of the resolution, so that pixels are square.
 
         Args:
             sensor_res: (width, height) in px.
@@ -231,10 +231,10 @@ class ThinLens:
 
     @property
     def pixel_size(self) -> float:
-        """Sensor width in mm / width in px, on both axes, whichever of them changes.
+        """The pitch in mm, sensor width in mm / width in px; the same on both axes.
 
         Raises:
-            ValueError: As `set_sensor`, if they make no sense any more.
+            ValueError: As `set_sensor`, if the attributes were set to invalid values.
         """
         return _pitch(self.sensor_size, self.sensor_res)
 
@@ -304,16 +304,16 @@ class ThinLens:
         return radius.masked_fill(between("sharp_range", self.sharp_range, z), 0.0)
 
     def radius_at_infinity(self) -> float:
-        """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
+        """Signed CoC radius in px at infinity, whatever `d_far` is."""
         return number("radius", self.radii_at_infinity(), "radii_at_infinity has all")
 
     def radii_at_infinity(self) -> Tensor:
-        """`radius_at_infinity` of each lens, [B], or of the one, without gradients."""
+        """`radius_at_infinity` of each lens, [B], or of the only one, without gradients."""
         per_disparity, s = self._terms(torch.empty(1, dtype=floating(self.dtype), device="cpu"))
         return (per_disparity / s / (2 * self.pixel_size)).detach()
 
     def _terms(self, like: Tensor) -> tuple[Tensor, Tensor]:
-        """A v in mm² and s in mm, like a tensor: of 0 dimensions, or [B, 1, …]."""
+        """A v in mm² and s in mm, of 0 dimensions or [B, 1, …], in dtype and device of `like`."""
         s = self._parameter("foc_dist", like).abs()
         foclen, fnum = (self._parameter(name, like) for name in ("foclen", "fnum"))
         return coc_per_disparity(foclen, fnum, s), s
@@ -328,7 +328,7 @@ class ThinLens:
             Diameters in mm, depth's shape.
 
         Raises:
-            ValueError: As `signed_radius`, which may be of another unit in a class below.
+            ValueError: As `signed_radius`; a subclass may have another unit of depth.
         """
         radius = ThinLens.signed_radius(self, self._distance("depth", depth))
         return 2 * self.pixel_size * radius.abs()
@@ -352,8 +352,8 @@ class ThinLens:
 
         Args:
             depth: Distance in mm, of either sign, any shape, beyond the focal length.
-            coc: Acceptable circle of confusion, diameter in mm. None takes each point's own, as
-                the lens is focused now: the range about a point that its blur would forgive.
+            coc: Acceptable circle of confusion, diameter in mm. None takes the CoC of each point as
+                the lens is focused now.
 
         Returns:
             far - near in mm, infinite from the hyperfocal distance on.
@@ -394,7 +394,7 @@ class ThinLens:
         return far_point(self._parameter("foclen", c), self._parameter("fnum", c), c)
 
     def _limit(self, z: Tensor) -> Tensor:
-        """Distances, none nearer than d_close or farther than d_far."""
+        """Distances clamped to d_close and d_far."""
         none = "0 and -inf are no limits"
         close, far = (abs(number(name, getattr(self, name), none)) for name in ("d_close", "d_far"))
         if not (close < math.inf and close <= far and far > 0):
@@ -409,9 +409,9 @@ class ThinLens:
         return z.clamp(minimum, maximum)
 
     def _parameter(self, name: str, other: Tensor) -> Tensor:
-        """The attribute of that name, like another tensor: of 0 dimensions, or [B, 1, …]."""
+        """An attribute, of 0 dimensions or [B, 1, …], in dtype and device of `other`."""
         value = getattr(self, name)
-        if name != "foc_dist":  # which `refocus` looks at, infinity and all
+        if name != "foc_dist":  # `refocus` checks it, and allows infinity
             each_positive(name, value, _UNITS)
         value = torch.as_tensor(value, dtype=other.dtype, device=other.device)
         if value.numel() == 1:

@@ -1,1 +1,1 @@
-"""What people and CI servers look at: HTML, JUnit, contact sheets, plots, contents of files."""
+"""Reports for people and CI servers: HTML, JUnit, contact sheets, plots, contents of files."""

@@ -1,4 +1,4 @@
-"""The report of ``defocus compare``: lines and a summary, JSON, and JUnit XML for CI servers."""
+"""The reports of ``defocus compare``: lines, a summary, JSON, and JUnit XML for CI servers."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _DIGITS = {"psnr": 4, "ssim": 5, "pixels": 9}
 _SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip")
 _COUNTED = (*STATUSES, "not compared")
 _LISTS = ("failed", "warned", "unmeasured", "notes", "metadata")  # attributes of a record
-_METADATA = 3  # attributes that a line has room for
-_LOCAL = 0.25  # share of a picture
+_METADATA = 3  # attributes that a line shows at most
+_LOCAL = 0.25  # share of a picture below which a difference is local
 _TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
 
 
 def line(record: Comparison) -> str:
-    """What became of a pair, in one line."""
+    """The result of a pair, in one line."""
     word = record.status if record.passes else record.status.upper()
     if record.status in (MISSING, EXTRA, UNREADABLE):
         lacking = "B" if record.status == MISSING else "A"
@@ -65,7 +65,7 @@ def line(record: Comparison) -> str:
 
 
 def of_golden(golden: Path, name: str, records: Sequence[Comparison], *, proposes: bool) -> str:
-    """Why a picture is not like its golden, and what helps."""
+    """How a picture differs from its golden, and the remedy."""
     if not records:
         return f"{golden}: there is no such golden; make it with pytest --golden-update"
     told = line(replace(records[0], name=name, proposal=""))
@@ -75,7 +75,7 @@ def of_golden(golden: Path, name: str, records: Sequence[Comparison], *, propose
 
 
 def summary(records: Sequence[Comparison], pairs: int | None = None) -> str:
-    """Counts of the pairs by status, and how many are left of those that there are."""
+    """Counts of the pairs by status, and the number of pairs not compared."""
     counts = Counter(record.status for record in records)
     left = (pairs or len(records)) - len(records)
     counts["not compared"] = left
@@ -84,19 +84,19 @@ def summary(records: Sequence[Comparison], pairs: int | None = None) -> str:
 
 
 def is_worth_a_line(record: Comparison, *, verbose: bool, lone: bool) -> bool:
-    """Whether a pair gets a line of its own: all do but those that are the same, among many."""
+    """Whether a pair gets its own line: equal pairs among many do not."""
     return verbose or lone or record.status != SAME
 
 
 def exit_code(records: Sequence[Comparison]) -> int:
-    """0 if all are the same, 3 if a file cannot be read, else 1."""
+    """The exit code: 0 if all pairs are the same, 3 if a file cannot be read, else 1."""
     if any(record.status == UNREADABLE for record in records):
         return 3
     return 0 if all(record.passes for record in records) else 1
 
 
 def document(records: Sequence[Comparison], pairs: int | None = None) -> dict[str, Any]:
-    """All pairs, for JSON, and how many have each status; not the same if some are left."""
+    """All pairs, for JSON, with counts by status; `same` is false if some were not compared."""
     numbers = Counter(record.status for record in records)
     left = (pairs or len(records)) - len(records)
     return {
@@ -108,7 +108,7 @@ def document(records: Sequence[Comparison], pairs: int | None = None) -> dict[st
 
 
 def pair_record(record: Comparison) -> dict[str, Any]:
-    """One pair, for JSON; numbers that are not finite are the texts NaN, Inf and -Inf."""
+    """A pair, for JSON; numbers that are not finite become the texts NaN, Inf and -Inf."""
     nonfinite = record.nonfinite
     return {
         "name": record.name,
@@ -141,7 +141,7 @@ def pair_record(record: Comparison) -> dict[str, Any]:
 
 
 def number(value: float) -> float | str:
-    """A number of JSON, or the name of one that JSON has not."""
+    """A number for JSON; one that JSON lacks becomes a text."""
     if math.isfinite(value):
         return value
     return "NaN" if math.isnan(value) else "Inf" if value > 0 else "-Inf"
@@ -152,7 +152,7 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _numbers(record: Comparison) -> str:
-    """The metrics that a line has room for; those of finite pixels, where some are not."""
+    """The metrics of a line, over finite pixels if some are not finite."""
     metrics = record.metrics
     words = ", ".join(number_words(name, metrics[name]) for name in _SHOWN if name in metrics)
     if record.nonfinite is None or not record.nonfinite.lone:
@@ -167,7 +167,7 @@ def number_words(name: str, value: float) -> str:
 
 
 def metric_title(name: str) -> str:
-    """The name of a metric as people write it, like ``HDR-PSNR``."""
+    """The name of a metric for people, like ``HDR-PSNR``."""
     return "-".join(_TITLES.get(part, part) for part in name.split("-"))
 
 
@@ -181,7 +181,7 @@ def _is_local(record: Comparison) -> bool:
 
 
 def place_words(record: Comparison) -> str:
-    """How many pixels differ, and where; empty where it is not known."""
+    """The number and place of the pixels that differ; empty if unknown."""
     if record.window is None:
         return ""
     x, y, width, height = record.window
@@ -189,7 +189,7 @@ def place_words(record: Comparison) -> str:
 
 
 def worst_words(worst: Worst) -> str:
-    """The worst pixel: its place, and the values of all channels, those of a file of few."""
+    """The worst pixel: its place, and the values of its channels if they are few."""
     names = list(worst.a)
     old, new = (" ".join(f"{side[n]:.4g}" for n in names) for side in (worst.a, worst.b))
     return f"{worst.x},{worst.y} ({' '.join(names)}: {old} -> {new})"

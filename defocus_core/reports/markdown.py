@@ -1,4 +1,4 @@
-"""A summary of comparisons in Markdown, as a comment on a pull request shows it."""
+"""A summary of comparisons in Markdown, for a comment on a pull request."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from defocus_core.reports.comparison_words import number_words, place_words, sum
 from defocus_core.reports.html.comparisons import rank
 
 BEGINNING = "<!-- defocus compare -->"
-_ROWS, _PICTURES = 50, 5  # pairs that are listed, and shown
+_ROWS, _PICTURES = 50, 5  # pairs that are listed, and shown as pictures
 _SHOWN = ("max", "psnr", "hdr-psnr", "ssim")
-_LONGEST = 240  # characters of what happened
+_LONGEST = 240  # characters in the column of what happened
 
 
 def write_markdown(
     path: Path, title: str, records: Sequence[Comparison], pairs: int | None = None
 ) -> None:
-    """Write a table of the pairs that do not pass, the worst of them, and the counts of causes.
+    """Write a table of failed pairs, pictures of the worst, and the counts of causes.
 
-    Difference images are shown where they were written, by their path from the file.
+    Difference images that were written are linked by their relative path.
     """
     failing = sorted((each for each in records if not each.passes), key=rank)
     lines = [BEGINNING, f"### {_plain(title)}", "", _plain(summary(records, pairs)) + "."]
@@ -63,5 +63,5 @@ def _row(record: Comparison) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown, tables, links and mentions read as it is."""
+    """Text with the special characters of Markdown, links and mentions escaped."""
     return re.sub(r"[&<>|`*_\[\]\\#@~]", lambda each: f"&#{ord(each[0])};", printable(text))

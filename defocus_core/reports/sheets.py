@@ -1,4 +1,4 @@
-"""Contact sheets, PNG: some pictures of a batch, or the same lights with each of some lenses."""
+"""Contact sheets in PNG: pictures of a batch, or the same lights with several lenses."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 NAME = "contact.png"
 _WIDTH = 320  # px of a picture
-_LENS_SIZE = (200, 300)  # height and width in px of a picture by a lens
-_LENS_RADIUS = 22.0  # px, its greatest CoC radius
+_LENS_SIZE = (200, 300)  # height and width in px of a picture of a lens
+_LENS_RADIUS = 22.0  # px, greatest CoC radius
 _LENS_FOCUS = "100m"  # beyond every focal length; the radii are those of the lights
 _LENS_COLUMNS = 3
-# Px of a line of words, of its letters, and from the left and the lower border to them.
+# Px of a line of words, of its letters, and of the left and the lower margin.
 _LABEL, _LENS_LABEL = (22, 14, 4, 6), (26, 16, 8, 8)
-_GREY = 0.8  # of words, in sRGB
+_GREY = 0.8  # colour of words, in sRGB
 
 
 def _kind_of_sheet(jobs: Sequence[Job]) -> str:
-    """The kind of output that a sheet shows: the first that is an image."""
+    """The kind of output that a sheet shows: the first image."""
     for kind in jobs[0].outputs.rows:
         if kind.image:
             return kind.name
@@ -48,7 +48,7 @@ def _kind_of_sheet(jobs: Sequence[Job]) -> str:
 
 
 def require_room(jobs: Sequence[Job]) -> None:
-    """Refuse jobs of which no sheet can be written: no image, or another file of its name."""
+    """Refuse jobs without an image for a sheet, or with an output of the name of the sheet."""
     _kind_of_sheet(jobs)
     pictures = {id(job.picture): job.picture for job in jobs}.values()
     inputs = identities(path for picture in pictures for path in picture.files.values())
@@ -56,9 +56,9 @@ def require_room(jobs: Sequence[Job]) -> None:
 
 
 def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
-    """Write ``count`` of the pictures of jobs, evenly spread over those that are there.
+    """Write a sheet of ``count`` pictures of jobs, evenly spread over those that exist.
 
-    Returns the file; None if no picture is there.
+    Returns the file; None if there is no picture.
     """
     kind = _kind_of_sheet(jobs)
     there = [job for job in jobs if job.paths[kind].exists()]
@@ -75,7 +75,7 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
 
 
 def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
-    """Write pictures by lenses, in rows from the top."""
+    """Write a sheet of the same lights with each lens, in rows from the top."""
     set_to_render()
     _write(
         path, [_labelled(_lights(each), each.name, _LENS_LABEL) for each in lenses], _LENS_COLUMNS
@@ -93,7 +93,7 @@ def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
 
 
 def _lights(shipped: ShippedLens) -> NDArray[Any]:
-    """Lights nearer and farther than the focus with a lens, sRGB [H, W, 3]."""
+    """A picture by a lens of lights nearer and farther than the focus, sRGB [H, W, 3]."""
     from defocus_core.renderer.render import render
 
     focus = {"focus": parsed("focus", _LENS_FOCUS, CALLER)}
@@ -105,7 +105,7 @@ def _lights(shipped: ShippedLens) -> NDArray[Any]:
 
 
 def _night(height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Lights far behind wires in focus: light [3, H, W], and signed radii [H, W] in px."""
+    """A scene of lights far behind wires in focus: light [3, H, W], signed radii [H, W] in px."""
     import torch
 
     y, x = torch.arange(height)[:, None], torch.arange(width)
@@ -122,7 +122,7 @@ def _night(height: int, width: int) -> tuple[Tensor, Tensor]:
 
 
 def _small(path: Path) -> NDArray[Any]:
-    """A picture over black, sRGB [h, w, 3], at most as wide as a cell of the sheet."""
+    """A picture over black, sRGB [h, w, 3], reduced to the width of a cell of the sheet."""
     color = read_color(path)
     pixels = color.pixels
     pixels = pixels[:, :, :-1] if color.channels[-1] == "A" else pixels
@@ -137,7 +137,7 @@ def _small(path: Path) -> NDArray[Any]:
 def _labelled(
     picture: NDArray[Any], words: str, label: tuple[int, int, int, int], width: int = 0
 ) -> NDArray[Any]:
-    """A picture in a cell of at least so many px, with a line of words below."""
+    """A picture in a cell of at least `width` px, with a line of words below."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     height, (line, letters, left, below) = len(picture), label

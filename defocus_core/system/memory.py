@@ -1,4 +1,4 @@
-"""Memory of this process: held now, and what is available. In MB.
+"""The memory that this process holds and that is available, in MB.
 
 A megabyte is a million bytes, as in sizes on the command line.
 """
@@ -18,7 +18,7 @@ MB = 10**6
 _KIB = 2**10
 _STATUS = Path("/proc/self/status")
 _MEMINFO = Path("/proc/meminfo")
-# Limit and use of the group of processes that a container is, of either generation of Linux.
+# Files of limit and use of a container's control group, for both versions of Linux cgroups.
 _GROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     (
@@ -34,7 +34,7 @@ _LARGEST, _FOREVER = 2**25, 2**31 - 1
 
 @contextmanager
 def without_collections() -> Iterator[None]:
-    """Pause the search for garbage cycles: the block makes none, and it is most of its time."""
+    """Pause garbage collection, which finds nothing in the block and takes most of its time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -58,7 +58,7 @@ def held_mb(device: str = "cpu") -> float:
 def available_mb(device: str = "cpu") -> float | None:
     """Memory that can be taken without swapping or being killed; None where it is unknown.
 
-    On the CPU it may be a second old: small pictures take less time than to ask for it.
+    On the CPU the number may be a second old, as asking takes longer than a small picture.
     """
     if device == "cuda":
         import torch
@@ -101,7 +101,7 @@ def _entry(file: Path, name: str) -> float:
 
 
 def trim() -> None:
-    """Give freed memory back to the system; only glibc's allocator can."""
+    """Give freed memory back to the system; other allocators than glibc's keep it."""
     _glibc("malloc_trim", 0)
 
 
@@ -125,13 +125,13 @@ def share_heap() -> None:
 
 
 def _glibc(name: str, *numbers: int) -> None:
-    with suppress(OSError, AttributeError):  # another library of C has no such function
+    with suppress(OSError, AttributeError):  # another C library has no such function
         getattr(_library(), name)(*numbers)
 
 
 @cache
 def _library() -> Any:
-    """The library of C of this process on Linux, else None."""
+    """The C library of this process on Linux, else None."""
     if not sys.platform.startswith("linux"):
         return None
     import ctypes

@@ -52,9 +52,9 @@ def imports() -> Iterator[None]:
     try:
         yield
     finally:
-        if not gc.get_freeze_count():  # a second time, there may be garbage to keep
+        if not gc.get_freeze_count():  # there may be garbage the second time
             gc.freeze()
-            atexit.register(gc.unfreeze)  # libraries expect to be cleared away at the end
+            atexit.register(gc.unfreeze)  # libraries expect to be collected at the end
         if collecting:
             gc.enable()
 
@@ -72,8 +72,8 @@ def settings_kept() -> Iterator[None]:
         sys.setswitchinterval(interval)
 
 
-_FEW = 8  # pieces, for which a process is not worth its start
-_AT_ONCE = 4  # pieces that a process is given
+_FEW = 8  # pieces, below which a process is not worth its start
+_AT_ONCE = 4  # pieces that a process is given at once
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -82,7 +82,7 @@ R = TypeVar("R")
 def spread(
     work: Callable[[T], R], pieces: Sequence[T], processes: int, subject: str
 ) -> Iterator[R]:
-    """The result of each piece, in their order, each when it is there."""
+    """Yield the result of each piece, in their order, as soon as it is there."""
     if processes < 2 or len(pieces) < _FEW:
         yield from map(work, pieces)
         return
@@ -113,7 +113,7 @@ _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 
 
 class Terminated(BaseException):
-    """The system ends this process; ``number`` is that of the signal."""
+    """A signal of the system that ends this process; ``number`` is its number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -121,13 +121,13 @@ class Terminated(BaseException):
 
     @property
     def signal_name(self) -> str:
-        """Like SIGTERM."""
+        """The name of the signal, like SIGTERM."""
         return signal.Signals(self.number).name
 
 
 @contextmanager
 def terminations() -> Iterator[None]:
-    """In the block, signals that would end the process raise `Terminated`, the first of them."""
+    """Raise `Terminated` in the block for the first signal that would end the process."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

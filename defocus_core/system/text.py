@@ -30,7 +30,7 @@ def versions() -> str:
 
 @cache
 def software() -> str:
-    """The libraries that compute, and what of this CPU they use: of them last digits depend."""
+    """The libraries and CPU features that compute, on which last digits depend."""
     import torch
 
     found = []
@@ -42,7 +42,7 @@ def software() -> str:
 
 
 def back_words() -> str:
-    """What renders on a CPU here, like ``compiled by Numba 0.68.1``."""
+    """The back that renders on a CPU here, like ``compiled by Numba 0.68.1``."""
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return "by torch, as NUMBA_DISABLE_JIT is set"
     try:
@@ -75,7 +75,7 @@ def note(line: str) -> None:
 
 
 def command_line(words: Iterable[object]) -> str:
-    """The words as a POSIX shell, like bash or zsh, reads them."""
+    """A command line of words, quoted for a POSIX shell like bash or zsh."""
     return " ".join(map(_word, words))
 
 
@@ -83,7 +83,7 @@ def _word(word: object) -> str:
     text = str(word)
     if text.isprintable():
         return shlex.quote(text)
-    # Line breaks, escapes, bytes that are no UTF-8: as $'…' has them.
+    # Line breaks, escapes and bytes that are not UTF-8 are written as in $'…'.
     codes = os.fsencode(text) if isinstance(word, Path) else text.encode("utf-8", "surrogateescape")
     return "$'" + "".join(map(_code, codes)) + "'"
 

@@ -1,8 +1,8 @@
 """Rectangles of pixels, spans of rows or columns, and the fixed grid of tiles and regions.
 
 The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
-the same way whatever else was asked for. A slice is worth computing for a tile if it has a pixel
-within its own radius of the tile.
+the same way whatever else was asked for. A slice is computed for a tile if it has a pixel within
+its own radius of the tile.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ class Box(NamedTuple):
 
     @property
     def sides(self) -> tuple[Span, Span]:
-        """Its rows and its columns."""
+        """The span of rows and the span of columns."""
         return Span(self.top, self.top + self.height), Span(self.left, self.left + self.width)
 
     @property
     def area(self) -> int:
-        """Its pixels."""
+        """The number of pixels."""
         return self.height * self.width
 
     def grown(self, by: int, within: Box) -> Box:
-        """Larger by `by` px on all sides, cut to the rectangle `within`."""
+        """The rectangle enlarged by `by` px on all sides, cut to the rectangle `within`."""
         top, left = max(self.top - by, within.top), max(self.left - by, within.left)
         below = min(self.top + self.height + by, within.top + within.height)
         beside = min(self.left + self.width + by, within.left + within.width)
         return Box(top, left, below - top, beside - left)
 
     def around(self, by: int) -> Box:
-        """Larger by `by` px on all sides, not cut."""
+        """The rectangle enlarged by `by` px on all sides, not cut."""
         return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
 
     def shrunk(self, by: int) -> Box:
-        """Smaller by `by` px on all sides; its size may become negative."""
+        """The rectangle reduced by `by` px on all sides; its size may become negative."""
         return self.around(-by)
 
     def seen_from(self, other: Box) -> Box:
@@ -74,25 +74,25 @@ class Span(NamedTuple):
         return self.end - self.first
 
     def within(self, other: Span) -> Span:
-        """The samples that are in another span, too."""
+        """The intersection with another span."""
         return Span(max(self.first, other.first), min(self.end, other.end))
 
     def grown(self, by: int) -> Span:
-        """Longer by `by` samples at both ends."""
+        """The span extended by `by` samples at both ends."""
         return Span(self.first - by, self.end + by)
 
 
 def min_transform(lit: Span, wanted: Span, margin: int) -> int:
-    """The least length of a circular transform that wraps around outside of the wanted samples."""
+    """The least length of a circular transform whose wrap-around misses the wanted samples."""
     return max(wanted.end - lit.first, lit.end - wanted.first) + margin
 
 
 TILE = 192
-# Side in px up to which a frame is one tile: of several, the light from around would be more.
+# Side in px up to which a frame is one tile: several would read more light from around.
 _ALONE = 256
 # Width in px of the blocks in which the presence of slices is recorded.
 BLOCK = MIN_TILE
-# Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
+# Least px on a side of a region, unless the frame is smaller: tiles of a region share work.
 REGION = 960
 # Greatest margin of a region, in which light from outside is read, as a share of its width.
 MARGIN = 0.15
@@ -102,19 +102,19 @@ class Grid(NamedTuple):
     """Tiles in rows."""
 
     tiles: list[Box]  # the tiles; the first and the last of a row or column may be smaller
-    sides: tuple[int, int]  # (height, width) in px of the others
+    sides: tuple[int, int]  # (height, width) in px of the other tiles
     columns: int  # tiles in a row
     region: int = REGION  # least px on a side of a region, unless the frame is smaller
 
     @property
     def box(self) -> Box:
-        """All tiles together."""
+        """The rectangle of all tiles."""
         first, last = self.tiles[0], self.tiles[-1]
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
     def within(self, box: Box) -> Grid | None:
-        """The tiles, cut to a rectangle; None if no tile is in it."""
+        """The tiles cut to a rectangle; None if it holds no tile."""
         cut = [tile.grown(0, box) for tile in self.tiles]
         left = [tile for tile in cut if min(tile[2:]) > 0]
         return (
@@ -142,7 +142,7 @@ def grid_over(height: int, width: int, side: int | tuple[int, int] | None = None
 
 
 def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
-    """The (height, width) of tiles of so many pixels at most: as few as can be, about equal."""
+    """The (height, width) of the fewest tiles of at most `pixels` px, about equally large."""
     count = -(-height * width // pixels)
     across = -(-count // -(-height // BLOCK))
     rows, columns = -(-height // -(-count // across)), -(-width // across)

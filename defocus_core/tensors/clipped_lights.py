@@ -1,18 +1,18 @@
-"""Clipped lights: blobs that a picture of 8 bits holds as white, with the light they lost.
+"""Clipped lights: white blobs of an 8-bit picture, and the light that they lost.
 
-White of 8 bits is the end of the scale, not a measure: a lamp a hundred times as bright as a wall
+White in 8 bits is the end of the scale, not a measure: a lamp a hundred times as bright as a wall
 is stored as hardly more, and its blur would be a grey disc. Blobs near the end of the scale are
-made brighter by a gain. What tells a lamp from a surface just beyond white: a lamp is small; its
-light is beyond white in all channels, so that it has no colour left, or it is very small; and its
-surroundings are darker. What is in focus makes no disc: it is left as it is.
+made brighter by a gain. A lamp differs from a surface just beyond white: it is small, its
+surroundings are darker, and it is very small or clipped in all channels, so that it has no colour.
+Blobs in focus make no disc and stay as they are.
 
-The hue that a blob has lost is that of its rim, where the light of the lamp is not clipped yet; a
-blob without one keeps its own. The larger the rim beside the blob, the less is clipped, and the
-less is the gain. It has a shoulder: the disc that a blob is blurred to stays below white, in which
-it would lose its hue again.
+The lost hue of a blob is that of its rim, where the light of the lamp is not yet clipped; a blob
+without a rim keeps its own. The larger the rim relative to the blob, the less light was clipped,
+and the lower is the gain. The gain has a shoulder: the disc of a blurred blob stays below white,
+where it would lose its hue again.
 
-A blob depends on the level from which on pixels count. Each level of brightness adds its own share
-of the gain, by the blobs of that level, so that the light is continuous in the threshold.
+A blob depends on the level above which pixels belong to it. Each level of brightness adds its share
+of the gain to the blobs of that level, so that the light is continuous in the threshold.
 """
 
 from __future__ import annotations
@@ -32,35 +32,35 @@ from defocus_core.tensors.device_plan import bands, in_bands
 from defocus_core.tensors.neighbourhoods import positions_of
 from defocus_core.tensors.validation import Scalar, number, whole
 
-# Sides of blobs, the roots of their areas: up to which a blob is a light, and from which on a
-# surface, as shares of the side of a square of the area of the frame. Of blobs of a colour, and of
-# white ones; and the same in px that count in small frames.
+# Sides of blobs (roots of their areas) up to which a blob is a light, and from which on a surface,
+# relative to the root of the area of the frame, for coloured and for white blobs; then the same in
+# px, as minima in small frames.
 _COLORED, _WHITE, _MIN_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
-# The least channel, as a share of white, up to which a pixel has a colour, and from which on none;
-# and the share of a blob that has none, up to which it is one of a colour, and from which on white.
+# The least channel, as a share of white, up to which a pixel is coloured, and from which on white;
+# and the share of white pixels up to which a blob is coloured, and from which on white.
 _HUE, _BLEACHED = (0.6, 0.9), (0.05, 0.25)
 # Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
-# which on a part of a surface; of blobs of a colour, and of white ones. The surroundings reach this
-# share of the longer side to each side, so many px at least.
+# which on a part of a surface, for coloured and for white blobs. Reach of the surroundings to each
+# side as a share of the longer side, and in px at least.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
 _AROUND, _MIN_AROUND = 0.012, 4
 # Radius in px up to which a blob is in focus, and from which on it gets all of its light.
 _BLURRED = (1.0, 3.0)
-# Levels of brightness at which blobs are found, the closer the brighter.
+# Levels of brightness at which blobs are found, more closely spaced near white.
 _LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
 # Coarse pixels across the surroundings to a side.
 _COARSE = 6
-# Light above 1 by more than rounding was measured, and is left as it is.
+# Light that exceeds 1 by more than rounding was measured, and stays as it is.
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
 _COUNTED = 0.05
-# The rim reaches this share of the longer side from a blob, so many px at least. Its light, as a
-# share of what white is above the surroundings, up to which it says nothing of a hue, and from
-# which on all; and the same of how far its least channel is below the brightest.
+# Reach of the rim from a blob as a share of the longer side, and in px at least. Light of the rim,
+# as a share of white above the surroundings, up to which its hue has no weight, and from which on
+# full weight; the same for the difference of its brightest and its least channel.
 _RIM, _MIN_RIM, _SAYS_HUE, _SATURATED = 0.003, 2, (0.2, 0.4), (0.15, 0.3)
 _TINY = 1e-6
-_WIDEST = 1e6  # px, of a blur that nobody says
-# Brightness of a disc, as a share of white, from which on its gain is less, and that of no disc.
+_WIDEST = 1e6  # px, where no blur is given
+# Brightness of a disc, as a share of white, above which its gain is reduced; its upper limit.
 _KNEE, _BRIGHTEST = 0.6, 0.9
 
 
@@ -72,22 +72,24 @@ def with_lights(
     colors: int | None = None,
     signed_radius: Tensor | None = None,
 ) -> Tensor:
-    """A picture whose clipped lights have the light they may have had.
+    """A picture whose clipped lights have their estimated light.
 
     Args:
         image: [C, H, W], linear light of 0 to 1; brighter pictures are returned as they are.
         threshold: The brightness, of the brightest channel, at which the gain begins, below 1.
-        gain: The factor at the end of the scale of a blob that is clipped to its rim, 1 or more.
+        gain: The factor at the end of the scale for a blob that is clipped up to its rim, 1 or
+            more.
         colors: How many channels are colours, the first ones; None for all.
         signed_radius: [H, W] px; blobs that are in focus are left alone, and discs of others stay
-            below white. None if all are blurred widely.
+            below white. None means that all are blurred widely.
 
     Returns:
-        [C, H, W]. Gradients flow to a tensor, threshold and gain; to image, of the blobs as found.
+        [C, H, W]. Gradients flow to threshold and gain, if tensors, and to image, with the blobs as
+        found.
 
     Raises:
-        ValueError: If an argument is not one of the above, or the radius needs a gradient, which
-            the size of a disc does not carry.
+        ValueError: If an argument is not one of the above, or the radius needs a gradient, for
+            which the size of a disc has none.
     """
     return ClippedLights(image, threshold, gain, colors=colors, signed_radius=signed_radius).added
 
@@ -98,7 +100,7 @@ class ClippedLights:
     Attributes:
         added: [C, H, W], the picture with their light.
         count: The number of blobs that got light.
-        measured: Whether there is light above 1: then the picture stays.
+        measured: Whether there is light above 1, in which case the picture stays.
     """
 
     def __init__(
@@ -134,17 +136,17 @@ class _BlobLevel(NamedTuple):
 
     low: float
     high: float
-    runs: Runs  # the runs of these pixels
-    lamps: _Lamps  # of each run, its blob
+    runs: Runs  # the runs of these pixels, in rows
+    lamps: _Lamps  # the number of the blob of each run
 
 
 class _Lamps(NamedTuple):
-    """What is known of the lamps that blobs are."""
+    """Estimates of the lamps behind blobs."""
 
     fraction: Tensor  # [n] how far it is one, 0 to 1
     clipped: Tensor  # [n] share of it that is clipped
-    disc: Tensor  # [n] its area as a share of that of a disc of its blur
-    hue: Tensor  # [C, n] colour of its rim, of which the brightest channel is 1
+    disc: Tensor  # [n] area of the blob as a share of that of its blur disc
+    hue: Tensor  # [C, n] colour of the rim, whose brightest channel is 1
     says_hue: Tensor  # [n] how far there is a rim, 0 to 1
 
     def of(self, which: Tensor) -> _Lamps:
@@ -152,7 +154,7 @@ class _Lamps(NamedTuple):
         return _Lamps(*(values[..., which] for values in self))
 
     def gain(self, gain: Scalar) -> Tensor:
-        """The gain [n] of each, for that of one that is wholly clipped."""
+        """The gain [n] of each lamp, given that of a wholly clipped one."""
         own = 1 + (gain - 1) * self.clipped * (1.5 - 0.5 * self.clipped)
         over = ((own * self.disc - _KNEE) / (_BRIGHTEST - _KNEE)).clamp(min=0)
         shown = _KNEE + (_BRIGHTEST - _KNEE) * over.tanh()
@@ -194,11 +196,11 @@ def _band(
     around: int,
     reach: int,
 ) -> tuple[Runs, Tensor]:
-    """The runs of a band that are brighter than a level, and sums over each of them.
+    """The runs of a band that are brighter than a level, and sums over each run.
 
-    Returns the runs; of each the sums [6 + 2 C, n] of what is white of it and of its blur; of the
-    brightness and the light of its surroundings; of its rim the number of pixels, their brightness,
-    their weight, its square, and their light by that.
+    Returns the runs and sums [6 + 2 C, n]: white pixels and blur of the run; brightness and light
+    of its surroundings; the number of pixels of its rim, their brightness, weight, squared weight,
+    and weighted light.
     """
     own, bright = light[:, rows[0] - top : rows[1] - top], light.amax(0)
     dark = bright <= level
@@ -217,7 +219,7 @@ def _band(
 
 
 def _within(values: Tensor, runs: Runs, coarse_pixel: int) -> Tensor:
-    """The sums [K, n] over the pixels of runs of values [K, n, W'] of the coarse pixels of rows."""
+    """The sums [K, n] over the pixels of runs of values [K, n, W'] in coarse pixels of rows."""
     sums, values = pad(values.cumsum(2), (1, 0)), pad(values, (0, 1))
 
     def up_to(column: Tensor) -> Tensor:
@@ -229,11 +231,11 @@ def _within(values: Tensor, runs: Runs, coarse_pixel: int) -> Tensor:
 
 
 def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) -> Tensor:
-    """Of the pixels beside each run sums of their number, brightness, weight, and weighted light.
+    """Sums of number, brightness, weight and weighted light of the pixels beside each run.
 
-    The mean of those to its sides, and of those above and below it: the same of a picture that lies
-    on its side. `light`: [C, h, W], and `bright`: [h, W] its brightest channel, of the rows of runs
-    and those around; `reach`: px to each side; returns [3 + C, n].
+    They are the mean of those to its sides and of those above and below, so that a turned picture
+    has the same. `light`: [C, h, W], and `bright`: [h, W], its brightest channel, of the rows of
+    runs and those around; `reach`: px to each side. Returns [3 + C, n].
     """
     height, width = bright.shape
     every = torch.arange(len(runs.row), device=light.device)
@@ -258,7 +260,7 @@ def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) ->
 
 
 def _beside(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
-    """Mean values [K] of the dark pixels around each coarse pixel; the level without any."""
+    """Mean values [K] of the dark pixels around each coarse pixel, or the level if none is dark."""
     coarse_pixel = max(1, around // _COARSE)
     down, across = (-n % coarse_pixel for n in dark.shape)
     mask = dark.to(values)[None]
@@ -278,7 +280,7 @@ def _beside(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
 
 
 def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _Lamps:
-    """The lamp that each run is of, by its blob.
+    """The lamp of each run, by its blob.
 
     `sums`: those of `_band`; `size`: (height, width) of the frame.
     """
@@ -297,13 +299,13 @@ def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _La
     )
     small = 1 - _step(area.sqrt(), *_between(of_color, of_white, white))
     apart = 1 - _step(beside / (area * level), *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
-    # by how much the rim is above its surroundings, as a share of what white is: of a blob without
-    # one, whose border mixes it with them, all colours are so alike
+    # excess of the rim over the surroundings, as a share of that of white; for a blob without a
+    # rim, whose border is a mixture, the two are about equal in all colours
     glow = ((totals[7 + colors :] / weight.clamp(min=_TINY) - ground) / (1 - ground)).clamp(min=0)
     maximum = glow.amax(0)
     rim = (brightness - count * beside / area) / (1 - beside / area).clamp(min=1 - _LEVELS[-2])
     hue, radius = torch.where(maximum > _TINY, glow / maximum, 1.0), blur / area
-    within = area.minimum(2 * radius * area / _length(runs, blob))  # of a tube, a part
+    within = area.minimum(2 * radius * area / _length(runs, blob))  # only a part of a tube
     return _Lamps(
         fraction=small * apart * _step(radius, *_BLURRED),
         clipped=area / (area + rim.clamp(min=0)),
@@ -325,12 +327,12 @@ def _length(runs: Runs, blob: Tensor) -> Tensor:
 
 
 def _between(colored: Sequence[float], white: Sequence[float], fraction: Tensor) -> list[Tensor]:
-    """Bounds of blobs from those of a colour, at a share of 0, to those of white ones, at 1."""
+    """Bounds of blobs, interpolated from those of coloured ones (0) to those of white ones (1)."""
     return [a + (b - a) * fraction for a, b in zip(colored, white, strict=True)]
 
 
 def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
-    """The number of blobs, of the least level above the threshold, that hold a light."""
+    """The number of blobs at the lowest level above the threshold that hold a light."""
     above = [level for level in levels if level.low >= threshold] or levels[-1:]
     base = above[0].runs
     lights = [level.runs for level in above]
@@ -356,7 +358,7 @@ def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
 def _lit(
     image: Tensor, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
 ) -> Tensor:
-    """The picture with the light of its blobs."""
+    """The picture with the light of its blobs added."""
 
     def of_box(box: Box) -> Tensor:
         window = box.of(image)
@@ -402,7 +404,7 @@ class Runs(NamedTuple):
 
     @classmethod
     def joined(cls, bands: list[Runs]) -> Runs:
-        """The runs of bands from the top on."""
+        """The runs of bands, joined from the top down."""
         return cls(*(torch.cat(part) for part in zip(*bands, strict=True)))
 
     @property
@@ -416,7 +418,7 @@ class Runs(NamedTuple):
         return torch.searchsorted(firsts, row * width + column, right=True) - 1
 
     def blobs(self, width: int) -> Tensor:
-        """For each run the number of its blob, from 0 on, in a frame of some width."""
+        """The number of the blob of each run, from 0 on, in a frame of some width."""
         one, other = self._touching(width)
         label = torch.arange(len(self.row), device=self.row.device)
         while True:
@@ -427,7 +429,7 @@ class Runs(NamedTuple):
                 return number
             one, other, first, second = (x[apart] for x in (one, other, first, second))
             minimum = torch.minimum(first, second)
-            # of two trees of runs the root of one is below that of the other from now on
+            # join two trees of runs: the root of one becomes a child of that of the other
             label = label.scatter_reduce(0, torch.maximum(first, second), minimum, "amin")
             while not torch.equal(root := label[label], label):
                 label = root

@@ -1,8 +1,8 @@
-"""How much is computed at once, on which device: bytes, tiles, bands of rows.
+"""How much is computed at once on a device: bytes, tiles, bands of rows.
 
 On a CPU pieces fit into a cache, and their sizes are fixed, so that a picture does not depend on
-the machine. Any other device takes some µs to begin an operation, however small: there pieces are
-as large as its whole memory allows, of which others may use a part meanwhile.
+the machine. Any other device takes some µs to begin an operation, however small: pieces there are
+as large as its memory allows, a part of which others may use.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from torch import Tensor
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.threads import threaded
 
-# Memory in bytes of a device that torch cannot ask.
+# Memory in bytes that is assumed of a device that torch cannot ask.
 _UNKNOWN = 8 << 30
-# Shares of the memory of a device: of a tile with all its layers, and of pieces of lists, of which
-# several are held at once.
+# Shares of the memory of a device for a tile with all its layers, and for pieces of lists, several
+# of which are held at once.
 _TILE, _PIECE = 1 / 2, 1 / 8
 # Bytes of a piece on a CPU.
 _CACHED = 1 << 25
 
 
 def launches_cost(device: torch.device) -> bool:
-    """Whether an operation takes long to begin, and waiting for a result longer."""
+    """Whether launches and waits are slow on a device, as on a GPU."""
     return device.type != "cpu"
 
 
 def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
-    """Numbers of the host in the precision and on the device of a tensor, without a wait.
+    """Numbers as a tensor of the dtype and device of another, without synchronisation.
 
-    A copy waits by itself until the device has done all before it.
+    An ordinary copy waits until the device has done all work before it.
     """
     if not isinstance(values, Tensor):
         values = torch.tensor(values, dtype=like.dtype, device="cpu")
@@ -44,7 +44,7 @@ def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
 
 
 def pieces(device: torch.device, bytes_each: int, on_cpu: int | None = None) -> int:
-    """The number of pixels, or of other items, that are computed at once: bounds memory.
+    """The number of pixels, or other items, that are computed at once, to bound memory.
 
     `on_cpu`: the number on a CPU; None for as many as stay in its cache.
     """
@@ -55,13 +55,13 @@ def pieces(device: torch.device, bytes_each: int, on_cpu: int | None = None) -> 
 
 
 def tile_pixels(device: torch.device, bytes_each: int) -> int:
-    """The greatest number of pixels of a tile on a device that is no CPU; arguments of `pieces`."""
+    """The greatest number of pixels of a tile on a device other than a CPU, as `pieces`."""
     return int(memory_of(device) * _TILE) // bytes_each
 
 
 @lru_cache
 def memory_of(device: torch.device) -> int:
-    """The memory in bytes of a device that is no CPU, whoever uses it."""
+    """The total memory in bytes of a device other than a CPU."""
     module = getattr(torch, device.type, None)
     if module is not None and hasattr(module, "get_device_properties") and module.is_available():
         return int(module.get_device_properties(device).total_memory)
@@ -70,14 +70,14 @@ def memory_of(device: torch.device) -> int:
     return _UNKNOWN
 
 
-# Greatest number of pixels and of rows in a band on a CPU, and bytes that a pixel takes elsewhere.
+# Greatest number of pixels and of rows in a band on a CPU; bytes of a pixel on other devices.
 _PIXELS, _ROWS, _BYTES = 1 << 19, 256, 100
 
 
 def bands_of(
     size: tuple[int, int], device: torch.device, minimum: int = 1
 ) -> list[tuple[int, int]]:
-    """First row and end of each band of a frame; bands have at least so many rows."""
+    """First row and end of each band of a frame; bands have at least `minimum` rows."""
     height, width = size
     rows = pieces(device, _BYTES, _PIXELS) // width
     rows = max(minimum, rows if launches_cost(device) else min(_ROWS, rows))
@@ -101,9 +101,9 @@ def in_bands(
     margin: int = 0,
     threads: int = 1,
 ) -> Tensor:
-    """A picture [..., H, W] of a function of boxes, computed in bands of rows.
+    """A picture [..., H, W], computed by a function of boxes in bands of rows.
 
-    `margin`: px around a box that decide it; bands are much higher.
+    `margin`: px around a box on which its pixels depend; bands are much higher.
     """
     rows = bands_of(size, device, _BAND_OF_MARGIN * margin)
     boxes = [Box.over(Span(*band), Span(0, size[1])) for band in rows]
@@ -117,7 +117,7 @@ def repaired(
     *others: Tensor,
     threads: int = 1,
 ) -> Tensor:
-    """Radii [H, W] px, each repaired by the pixels around it; others are of the same frame."""
+    """Radii [H, W] px, repaired by a function of the pixels up to `around` px away."""
     height, width = signed_radius.shape[-2:]
 
     def of_box(box: Box) -> Tensor:

@@ -1,7 +1,7 @@
 """Pixels of a picture: the few in a mask, listed, and the neighbours of each.
 
-On a CPU torch compares, and looks for values that are not 0, one by one; it converts and adds many
-at once. So lists of few pixels are made faster than by torch.nonzero.
+On a CPU torch compares and finds nonzero values one by one, but converts and adds many at once.
+This makes lists of few pixels faster than torch.nonzero does.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Choice(Protocol):
 
 
 def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
-    """The greatest or least value [..., H, W] in the square around each pixel; has no gradient.
+    """The greatest or least value [..., H, W] in the square around each pixel, without gradient.
 
     Squares end at the borders. Each round joins squares side by side: 8 px take three.
 
@@ -39,7 +39,7 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
 
 
 def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Sizes of steps along an axis: before each step, of the step itself, and after it.
+    """Sizes of steps along an axis: of the step before, of the step itself, and of the step after.
 
     n pixels have n - 3 steps that lie between two others.
     """
@@ -50,7 +50,7 @@ def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
-    """The numbers [n, side, side] of the pixels in the squares around pixels at [n, 2].
+    """Flat indices [n, side, side] of the pixels in the squares around pixels at [n, 2].
 
     Beyond the borders of the frame the pixels at the border are repeated.
 
@@ -68,7 +68,7 @@ def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
     extreme, n = values.clone(), values.shape[dim]
     rest = n - step
     parts = [((step, rest), (0, rest)), ((0, rest), (step, rest))]
-    if step > 1:  # else the ends are themselves
+    if step > 1:  # else the ends stay as they are
         parts += [((0, step), (0, 1)), ((rest, step), (n - 1, 1))]
     for target, source in parts:
         part = extreme.narrow(dim, *target)
@@ -85,7 +85,7 @@ def range_of(values: Tensor) -> Tensor:
     return torch.stack([values.amin(), values.amax()])
 
 
-# Where the border between a near and a far radius lies; below 1/2, so that a middle one is far.
+# Place of the border between a near and a far radius; below 1/2, so that the middle is far.
 _HALFWAY = 0.499
 
 
@@ -94,19 +94,19 @@ def halfway(near: Tensor, far: Tensor) -> Tensor:
     return near + (far - near) * _HALFWAY
 
 
-# Number of pixels of a mask that are read as one word, and of those of a mask that is worth it.
+# Number of pixels that are read as one word, and least number in a mask that is read so.
 _WORD, _MANY = 8, 1 << 13
 
 
 def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
-    """Where values [...] exceed a bound: bool. No value is NaN, nor infinite if the bound is."""
+    """Where values [...] exceed a bound: bool. Values must be finite if the bound is not."""
     if launches_cost(values.device):
         return values.detach() > bound
     return (values.detach() - bound).clamp_(min=0).bool()
 
 
 def flat_nonzero(mask: Tensor) -> Tensor:
-    """The numbers [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
+    """Flat indices [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
     flat = mask.flatten()
     end = flat.numel() // _WORD * _WORD
     if end < _MANY or flat.storage_offset() % _WORD or launches_cost(flat.device):
@@ -122,8 +122,7 @@ def flat_nonzero(mask: Tensor) -> Tensor:
 def taken(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels, 0 for
-    the others.
+    On other devices than a CPU, where the host would wait for n, all values, 0 outside the mask.
     """
     if launches_cost(values.device):
         return torch.where(mask, values, 0)
@@ -131,7 +130,7 @@ def taken(values: Tensor, mask: Tensor) -> Tensor:
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
-    """How often [kinds] each number from 0 occurs in [n]; waits for nothing."""
+    """The count [kinds] of each number from 0 in [n], without synchronisation."""
     if not launches_cost(numbers.device):
         return torch.bincount(numbers, minlength=kinds)
     counts = torch.zeros(kinds, dtype=torch.long, device=numbers.device)

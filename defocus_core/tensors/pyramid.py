@@ -1,8 +1,8 @@
-"""Pictures at half resolution, symmetric about the middle of the frame, and how they are read.
+"""Pictures at half resolution, symmetric about the middle of the frame, and their interpolation.
 
-A mirrored picture halves to its mirror image, and a part of a frame as the whole. Of an even length
-two pixels make one of the next level. Of an odd length every second pixel does, with half of its
-neighbours. Reads between coarse pixels are cubic where the picture is smooth, else linear.
+A mirrored picture halves to its mirror image, and a part of a frame as the whole. Along an even
+length two pixels make a coarse one; along an odd length every second pixel does, with half of its
+neighbours. Interpolation is cubic where the picture is smooth, else linear.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
 
 
 class AxisHalving(NamedTuple):
-    """The halving of one axis: pixels missing for whole coarse px, and the coarse px."""
+    """The halving of one axis: pixels to add for whole coarse px, and the coarse px."""
 
     before: int  # pixels missing at the beginning
     after: int  # pixels missing at the end
-    length: int  # pixels of half resolution
-    axis: Axis  # where the middle is among them
+    length: int  # number of coarse pixels
+    axis: Axis  # the middle of the frame among them
 
 
 def halves(length: int, axis: Axis) -> AxisHalving:
@@ -63,7 +63,7 @@ def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: floa
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """The greatest value [..., H, W] of the coarse pixels [..., h, w] that a pixel is part of."""
+    """The greatest value [..., H, W] of the coarse pixels [..., h, w] that hold each pixel."""
     for dim in (-2, -1):
         twice = values.repeat_interleave(2, dim)
         if odd[dim]:
@@ -76,7 +76,7 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     """Sums [..., h, w] of the pixels [..., H, W] of each coarse pixel of half resolution."""
-    for dim in (-2, -1):  # rows first: they lie together
+    for dim in (-2, -1):  # rows first, which are contiguous
         values = _halved(values, dim, odd[dim])
     return values
 
@@ -96,8 +96,8 @@ def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
 def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     """Sums [..., h, w] of pixels [..., H, W] in coarse pixels that overlap (Burt 1981).
 
-    As `halved`, but of an even length a pixel counts by 3/4 in its own coarse pixel and by 1/4 in
-    the one next to it. What lies outside counts as 0.
+    As `halved`, but along an even length a pixel adds 3/4 to its own coarse pixel and 1/4 to the
+    next one. Pixels outside are 0.
     """
     for dim in (-2, -1):
         if odd[dim]:
@@ -120,7 +120,7 @@ def averaged(
     Pixels beyond the frame count as 0.
     """
     middles = []
-    for dim, axis in zip((-2, -1), middle, strict=True):  # rows first: they lie together
+    for dim, axis in zip((-2, -1), middle, strict=True):  # rows first, which are contiguous
         for _ in range(level):
             half = halves(values.shape[dim], axis)
             if half.before or half.after:
@@ -131,7 +131,7 @@ def averaged(
     return values * 0.25**level, (middles[0], middles[1])
 
 
-# Coarse pixels from one block of pixels to the next: products with larger ones are mostly with
+# Coarse pixels from one block of pixels to the next: larger products would be mostly with
 # zeros.
 _STRIDE = 8
 
@@ -160,10 +160,10 @@ def linear_weights(first: float, pixels: int, step: float, like: Tensor) -> Axis
 
 
 def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
-    """Distances from each pixel of a block to the coarse pixels in reach, and the first of these.
+    """Distances from each pixel of a block to the coarse pixels in reach, and the first of those.
 
-    Distances are the same in all blocks, whose first pixels are whole numbers of coarse pixels
-    apart. They are few: on the CPU.
+    Distances are the same in all blocks, which begin whole numbers of coarse pixels apart. As they
+    are few, they are on the CPU.
     """
     block = min(pixels, round(_STRIDE / step))
     lead = math.floor(first) - reach + 1
@@ -174,10 +174,10 @@ def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> t
 
 
 def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor:
-    """Coarse pixels [..., h, w] read in pixels [..., H, W].
+    """Coarse pixels [..., h, w] interpolated at pixels [..., H, W].
 
-    In full precision, even where `torch.set_float32_matmul_precision` allows TensorFloat32 or
-    bfloat16 for products, which are too coarse for a picture.
+    Computed in full precision, even where `torch.set_float32_matmul_precision` allows products in
+    TensorFloat32 or bfloat16, which are too coarse for a picture.
     """
     if values.dtype == torch.float32 and _products_are_rounded():
         double = (
@@ -198,7 +198,7 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
 def linear(
     coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
 ) -> Tensor:
-    """Coarse pixels [h, w] read in a window of a picture of a size by linear interpolation."""
+    """Coarse pixels [h, w] interpolated linearly in a window of a picture of a size."""
     values = coarse
     for dim, (first, end) in enumerate((rows, columns)):
         before, after, fraction = beside(coarse, dim, first, end, size[dim])
@@ -210,7 +210,7 @@ def linear(
 def beside(
     coarse: Tensor, dim: int, first: int, end: int, length: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The coarse pixels before and after each pixel of an axis, and where it lies between them."""
+    """The coarse pixels before and after each pixel of an axis, and its fraction of the way."""
     count = coarse.shape[dim]
     position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5
     position = (position * count / length - 0.5).clamp(0, count - 1)
@@ -219,7 +219,7 @@ def beside(
 
 
 def _products(block: Tensor, down: Tensor) -> Tensor:
-    """The products [..., n, P, W] of shares [P, K] and coarse pixels [..., n, K, W]."""
+    """The products [..., n, P, W] of weights [P, K] and coarse pixels [..., n, K, W]."""
     if torch.is_grad_enabled():
         return block @ down
     every = block.expand(down.shape[-3], -1, -1)
@@ -231,14 +231,14 @@ def _products(block: Tensor, down: Tensor) -> Tensor:
 
 
 def _missing(fractions: AxisWeights, length: int) -> tuple[int, int]:
-    """How many coarse pixels blocks need before and after those of an axis of a length."""
+    """The number of coarse pixels that blocks need before and after those of an axis."""
     block, taps = fractions.block.shape
     needed = (-(-fractions.pixels // block) - 1) * _STRIDE + taps
     return -fractions.lead, fractions.lead + needed - length
 
 
 def _products_are_rounded() -> bool:
-    """Whether torch may compute products of float32 matrices in fewer bits on some device."""
+    """Whether torch may compute float32 matrix products in fewer bits on some device."""
     try:
         return torch.get_float32_matmul_precision() != "highest"
     except RuntimeError:  # it was set for one device alone
@@ -246,7 +246,7 @@ def _products_are_rounded() -> bool:
 
 
 def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:
-    """The coarse pixels between which the pixels of a rectangle lie."""
+    """The box of the coarse pixels that the interpolation in a rectangle reads."""
     first, end = [], []
     for d, axes in enumerate(zip(fine, coarse, strict=True)):
         first.append(math.floor(position_of(box[d], *axes, level)))

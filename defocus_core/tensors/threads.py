@@ -1,4 +1,4 @@
-"""Work in threads, and the modes of torch in which it is done and repeated by a backward pass.
+"""Work in threads, and the modes of torch for it and for its repetition by a backward pass.
 
 The number of results that wait for the caller is bounded.
 """
@@ -48,11 +48,11 @@ def _in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> It
 
 
 def carried(work: Callable[[T], R]) -> Callable[[T], R]:
-    """The same work in the modes of the calling thread, on any thread."""
+    """The same work, on any thread in the torch modes of the calling thread."""
     gradient, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def in_modes(piece: T) -> R:
-        torch.get_num_threads()  # else a new thread runs transforms on all cores
+        torch.get_num_threads()  # a new thread would run transforms on all cores
         with torch.inference_mode(inference), torch.set_grad_enabled(gradient):
             return work(piece)
 
@@ -60,16 +60,16 @@ def carried(work: Callable[[T], R]) -> Callable[[T], R]:
 
 
 def graph_break(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which `torch.compile` of a caller leaves as it is.
+    """The same function, excluded from a caller's `torch.compile`.
 
-    What it does hangs on the values of tensors: to compile it takes minutes, and fails.
+    Its work depends on the values of tensors: compiling it takes minutes, and fails.
     """
     uncompiled: Callable[P, R] | None = None
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         nonlocal uncompiled
-        if "_dynamo" not in vars(torch):  # nobody compiles, and to load it takes a second
+        if "_dynamo" not in vars(torch):  # importing torch._dynamo takes a second
             return function(*args, **kwargs)
         if uncompiled is None:
             uncompiled = torch.compiler.disable(function)  # type: ignore[no-untyped-call]
@@ -96,7 +96,7 @@ def own_modes(device: torch.device | None = None) -> Iterator[None]:
 
 
 class _Threads(threading.local):
-    """Whether a thread is in `own_modes`; and, of the process, the callers' number of threads."""
+    """Whether a thread is in `own_modes`, and the callers' number of threads in the process."""
 
     lock = threading.Lock()
     inside = 0  # calls of all threads that have not returned yet
@@ -109,11 +109,11 @@ _THREADS = _Threads()
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """One thread for each operation of torch; the caller's number afterwards.
+    """Set torch to one thread for each operation, and back to the caller's number afterwards.
 
-    The operations are small, and there are thousands: threads that share one wait for each other,
-    up to 18 times as long as the operation takes. torch keeps the number for each thread, and one
-    for new threads, which the last call that returns sets back.
+    There are thousands of small operations: threads that share one would wait for each other, up to
+    18 times as long as the operation takes. torch keeps a number for each thread and one for new
+    threads; the last call that returns restores that one.
     """
     if _THREADS.alone:
         yield
@@ -136,7 +136,7 @@ def _one_thread() -> Iterator[None]:
 def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
     """The same work, repeated by a backward pass where gradients are enabled.
 
-    A backward pass then holds the tensors of one piece of work, not of all (Chen et al. 2016).
+    The backward pass then holds the tensors of one piece of work at a time (Chen et al. 2016).
     """
     if not torch.is_grad_enabled():
         return work
@@ -153,14 +153,14 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
 
 
 def refuse_second_derivatives(gradient: Tensor) -> None:
-    """Refuse a backward pass that is recorded, as a hook of what was rendered."""
+    """Refuse a backward pass that is recorded; a hook of rendered tensors."""
     if torch.is_grad_enabled():
         problem = "what is rendered has no second derivatives"
         raise ValueError(f"create_graph must be False, got True; {problem}")
 
 
 def recorded_for(*given: object) -> AbstractContextManager[None]:
-    """Gradients, if the caller has enabled them and any of some tensors or options needs one."""
+    """Enable gradients if the caller has, and any of the given tensors or options needs one."""
     return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))
 
 
@@ -174,9 +174,9 @@ def requires_grad(given: object) -> bool:
 
 
 def unrecorded(device: torch.device) -> AbstractContextManager[None]:
-    """Inference mode on a CPU unless gradients are enabled: faster than without gradients alone.
+    """Inference mode on a CPU, which is faster than no_grad, unless gradients are enabled.
 
-    Elsewhere tensors may be of classes that are no part of torch, which inference mode refuses.
+    Other devices may have tensor classes from outside torch, which inference mode refuses.
 
     Tensors computed within can take no part in a later backward pass; results are joined outside.
     """

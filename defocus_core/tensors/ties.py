@@ -1,8 +1,8 @@
-"""Ties: choices whose gradient, and thresholds whose outcome, does not hang on rounding.
+"""Choices whose gradient, and thresholds whose outcome, do not depend on rounding.
 
 Depth of few levels steps by round numbers of px: `off_round` keeps thresholds beside them. Values
-that differ by rounding alone tie, whatever the order of sums, the device or the tile; where they
-do, a gradient is that of both or of the one that is meant.
+that differ by rounding alone tie, whatever the order of sums, the device or the tile; the gradient
+at a tie is that of both values, or of the intended one.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import math
 import torch
 from torch import Tensor
 
-# Values of order 1 that differ by at most so many roundings tie, and by so much in any precision:
-# what differs by 1e-15 of a radius, after a few sums.
+# Values of order 1 tie if they differ by at most so many roundings, or by so much in any precision,
+# as after a few sums.
 _ROUNDINGS, _LEAST = 8, 2e-14
 
 

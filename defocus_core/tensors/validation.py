@@ -34,7 +34,7 @@ def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
 
 
 def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
-    """The value of a number, or of a tensor of one number, as a float."""
+    """The value of a number or a one-element tensor, as a float."""
     try:
         if isinstance(value, str | bytes | complex | bool):
             raise TypeError
@@ -52,7 +52,7 @@ def positive(name: str, value: Any, remedy: str) -> float:
 
 
 def each_positive(name: str, value: Any, remedy: str) -> None:
-    """Refuse what is not above 0 and finite: one number, or one of each picture [B]."""
+    """Refuse numbers that are not positive and finite: a scalar, or one for each picture [B]."""
     if not (isinstance(value, Tensor) and value.dim() == 1 and len(value) > 1):
         positive(name, value, remedy)
         return
@@ -68,7 +68,7 @@ def numbers(
     device: torch.device,
     remedy: str = "lengths are in mm, without a unit",
 ) -> Tensor:
-    """A tensor of at least float32; numbers that are no tensor get the dtype and the device."""
+    """A tensor of at least float32; plain numbers get the dtype and the device."""
     wide = dtype if dtype.itemsize >= 4 else torch.float32
     try:
         tensor = (
@@ -86,7 +86,7 @@ def numbers(
 
 
 def backward_only(name: str, value: Any) -> None:
-    """Refuse a tensor without values, or whose derivative or place in a batch would be lost."""
+    """Refuse meta tensors, and those of torch.func, forward derivatives or vmap."""
     if not isinstance(value, Tensor):
         return
     if type(value) is Tensor and value.is_meta:
@@ -184,7 +184,7 @@ def check_image(image: Any, *, alone: bool = False) -> None:
 def maps_of(name: str, maps: Tensor, image: Tensor) -> Tensor:
     """The maps [B, H, W] of a batch of images [B, C, H, W]: depths, or radii.
 
-    `maps`: [B, 1, H, W] or [B, H, W]; of one image [H, W], too.
+    `maps`: [B, 1, H, W] or [B, H, W]; for a single image also [H, W].
     """
     backward_only(name, maps)
     count, size = image.shape[0], tuple(image.shape[-2:])
@@ -214,7 +214,7 @@ def depth_maps(image: Tensor, depth: Any, dtype: torch.dtype, device: torch.devi
 
 
 def described(value: Any) -> str:
-    """A value as an error shows it: type and shape of what has them."""
+    """A value as an error shows it, with type and shape if it has them."""
     if hasattr(value, "shape") and hasattr(value, "dtype") and tuple(value.shape):
         kind = "" if isinstance(value, Tensor) else f"{type(value).__name__} of "
         return f"{kind}{value.dtype} {list(value.shape)}"
@@ -223,7 +223,7 @@ def described(value: Any) -> str:
 
 
 def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
-    """The error for distances that are not as wanted."""
+    """The error for invalid distances."""
     bad = depth.detach()[~good].flatten()
     return ValueError(
         f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
@@ -238,7 +238,7 @@ def broadcast(first: torch.Size, second: torch.Size) -> bool:
 
 
 def between(name: str, limits: Any, z: Tensor) -> Tensor:
-    """Whether distances z lie between two others, in mm, both included."""
+    """Whether distances z in mm lie within limits, inclusive."""
     wanted = f"{name} must be (nearest, farthest) in mm, got {described(limits)}; None is no range"
     if not (isinstance(limits, Sequence) and len(limits) == 2):
         raise ValueError(wanted)

@@ -1,4 +1,4 @@
-"""Views of a picture through the lens: through the whole and its halves, with their trust.
+"""Views of a picture through the whole lens and its halves, with their trust.
 
 One class holds the views of a tile, a region, a picture or a batch of pictures.
 """
@@ -46,7 +46,7 @@ class ViewTensors(NamedTuple):
         return self.images[2] if len(self.images) > 1 else None
 
     def to(self, dtype: torch.dtype) -> ViewTensors:
-        """The views in another precision; what half precision cannot hold is its greatest value."""
+        """The views in another precision; values beyond half precision are set to its greatest."""
         images = self.images
         if dtype == torch.float16:
             maximum = torch.finfo(dtype).max
@@ -127,9 +127,9 @@ def _joined(rows: list[list[Tensor]]) -> Tensor:
 def of_channels(
     colors: list[ViewTensors], offsets: list[tuple[list[int], float | Tensor]]
 ) -> ViewTensors:
-    """Views of all channels in their order; trust is the least of all of them.
+    """The views of all channels in order; the trust is the least of all channels.
 
-    `offsets`: for each the numbers of its channels, and the px that were added to its radii.
+    `offsets`: the channels of each rendering, and the px that were added to its radii.
     """
     order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
     images = [

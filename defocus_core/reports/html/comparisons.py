@@ -1,6 +1,6 @@
-"""The report of comparisons: an item for each pair, those that fail first and the worst of them.
+"""The report of comparisons: an item for each pair, failures first, the worst at the top.
 
-The values of the worst are kept, as many as there may be room for.
+It holds the values of the worst pairs, as far as there is room.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ from defocus_core.system.text import command_line, counted
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 Ticked = Callable[[Comparison], str]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
+_HALF_LAYERS = 6  # halves per pixel: three channels of A and of B
 _numbers = count()
 
 
 @dataclass(frozen=True)
 class ReportHeader:
-    """What a comparison was made for."""
+    """The heading of a report, and its commands."""
 
     title: str  # heading of the report
-    words: Sequence[str]  # what was compared, a line each
+    words: Sequence[str]  # lines on what was compared
     commands: Commands = lambda _: ()  # the command lines of a pair, each with a title
-    b: str = ""  # what B is, where its files do not last; empty where they do
-    accept: str = ""  # how the command begins that accepts the pairs that are ticked
+    b: str = ""  # name of B, if its files are temporary; else empty
+    accept: str = ""  # beginning of the command that accepts the ticked pairs
     ticked: Ticked = lambda record: command_line(["--only", f"./{escape(record.name)}"])
 
 
@@ -65,7 +65,7 @@ def write(
     settings: CompareSettings,
     processes: int,
 ) -> None:
-    """Write the report of comparisons, those that fail first and the worst of them."""
+    """Write the report of comparisons, failures first, the worst at the top."""
     ranked = sorted(records, key=rank)
     drawings = spread(_drawn, list(_wanted(ranked)), processes, "the report")
     items = [
@@ -76,7 +76,7 @@ def write(
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
-    """Sorts pairs: failures first, of these NaN and Inf, then by error for their brightness."""
+    """The key to sort pairs: failures first, of these NaN and Inf first, then by relative error."""
     order = {status: -place for place, status in enumerate(STATUSES)} | {DIFFERENT: -len(STATUSES)}
     apart = record.nonfinite is not None and record.nonfinite.apart is not None
     error = record.metrics.get("rel-rmse", record.metrics.get("max", 0.0))
@@ -84,7 +84,7 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 
 def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
-    """The pairs; values are wanted of those that do not pass, while there may be room for them."""
+    """Pairs with whether to keep their values: of those that fail, as far as there is room."""
     room = ValuesRoom(len(ranked))
     for record in ranked:
         looked_at = not record.passes or record.status == WARNING
@@ -114,7 +114,7 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
 
 
 def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
-    """Terms, and what is to be said of each; empty ones are left out."""
+    """Terms and their texts; empty ones are left out."""
     metrics = ", ".join(number_words(name, value) for name, value in record.metrics.items())
     rows = [
         ("What happened", "; ".join(finding.text for finding in record.findings)),
@@ -145,7 +145,7 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
 
 
 def setting_lines(settings: CompareSettings) -> list[str]:
-    """What of the pictures was compared, a line each; empty for all."""
+    """Lines on the parts of the pictures that were compared; empty for all."""
     chosen = {
         "region": settings.region,
         "where this is not 0": settings.mask,
@@ -159,7 +159,7 @@ def setting_lines(settings: CompareSettings) -> list[str]:
 def keep_check(
     folder: Path, records: Sequence[Comparison], golden: Path, test: str, picture: Any
 ) -> None:
-    """Keep a picture that failed for a report: the records of its goldens, if it has any."""
+    """Keep a failed picture for a report, with the records of its goldens, if any."""
     record = records[0] if records else Comparison("", None, None, EXTRA)
     stem = folder / f"{os.getpid()}-{next(_numbers)}"
     suffix = Path(picture).suffix if isinstance(picture, str | Path) else ".exr"
@@ -169,7 +169,7 @@ def keep_check(
 
 
 def write_checks(folder: Path, path: Path) -> None:
-    """Write the report of the pictures in a folder, which failed."""
+    """Write the report of the failed pictures in a folder."""
     kept = [pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))]
     tests: dict[str, str] = {record.name: test for record, test in kept}
 

@@ -1,7 +1,7 @@
-"""A page to choose focus and blur on: pictures rendered beforehand, small, and the command of each.
+"""A page for choosing focus and blur: small rendered pictures, and the command of each.
 
-They are of `_FOCUSES` distances, where the depth has mass, by `_STRENGTHS` strengths of blur. The
-page shows the one nearest to what is chosen.
+They have `_FOCUSES` distances, where surfaces are, and `_STRENGTHS` strengths of blur. The page
+shows the one nearest to the choice.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
 _FOCUSES = 8
-_STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the blur that is asked for
+_STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)  # factors of the given blur
 _ASKED = _STRENGTHS.index(1.0)
-_PIXELS, _WIDEST = 240_000, 1000  # of a picture, and px of its width
-_JPEG = "jpeg:85"  # of a photograph, a page of a few MB; of noise, of less than 30
+_PIXELS, _WIDEST = 240_000, 1000  # pixels of a picture, and px of its width
+_JPEG = "jpeg:85"  # makes a page of a few MB for a photograph, and of less than 30 MB for noise
 _TOP = 65535  # steps of the map
 _BINS = 256
 _MM_PER_M = 1000.0
@@ -58,8 +58,8 @@ class _Small(NamedTuple):
     """A picture reduced to the size of the page."""
 
     inputs: Inputs  # its colour and depth
-    scale: float  # its width by that of the picture
-    # [H, W] numbers of relative depth, or 1/m; greater is nearer, but where black is
+    scale: float  # its width over that of the picture
+    # [H, W] numbers of relative depth, or 1/m; greater is nearer, unless black is near
     disparity: NDArray[np.float64]
 
 
@@ -115,10 +115,10 @@ def write_choice(
 
 
 def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
-    """The disparities of the pictures, ascending: at most `_FOCUSES`, each one of a surface.
+    """The disparities in focus, ascending: at most `_FOCUSES`, each that of a surface.
 
-    They lie as densely as the cube root of the pixels, which makes the mean square of the distance
-    to the nearest one least (Panter and Dite 1951).
+    Their density is the cube root of that of the pixels, which minimises the mean squared distance
+    to the nearest one (Panter and Dite 1951).
     """
     low, high = float(disparity.min()), float(disparity.max())
     if low == high:
@@ -134,7 +134,7 @@ def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
 
 
 def _strengths(lens: LensValues) -> list[LensValues]:
-    """The lens with each strength, of a number that a command says."""
+    """The lens with each strength, rounded as in the command."""
     if isinstance(lens.blur, float):
         blurs = (float(f"{lens.blur * factor:.3g}") for factor in _STRENGTHS)
         return [replace(lens, blur=blur) for blur in blurs]
@@ -143,7 +143,7 @@ def _strengths(lens: LensValues) -> list[LensValues]:
 
 
 def _at(lens: LensValues, disparity: float, scale: float) -> LensValues:
-    """The lens with a disparity in focus, in front of a picture of another size."""
+    """The lens focused at a disparity, for a picture of another size."""
     lens = replace(lens, focus_at=None, focus_percentile=None)
     clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale
     if isinstance(lens.blur, float):
@@ -153,7 +153,7 @@ def _at(lens: LensValues, disparity: float, scale: float) -> LensValues:
 
 
 def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
-    """Colour as the mean of the light, depth as the nearest pixel's."""
+    """The job at the size of the page: colour by mean light, depth by nearest pixel."""
     width, height = color.size
     scale = min(1.0, _WIDEST / width, math.sqrt(_PIXELS / (width * height)))
     size = max(1, round(height * scale)), max(1, round(width * scale))
@@ -180,7 +180,7 @@ def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
 
 
 def _jpeg(color: Color) -> bytes:
-    """A picture as a screen shows it."""
+    """A JPEG of a picture as a screen shows it."""
     samples: NDArray[np.uint8] = display_encoded(
         np.stack([plane[:] for plane in color.planes], axis=2),
         color.channels,
@@ -193,7 +193,7 @@ def _jpeg(color: Color) -> bytes:
 
 
 def _depth_layer(small: _Small, depth: Depth) -> Layer:
-    """The disparity of a picture in 65536 steps, those of the file where its numbers are whole."""
+    """The disparity of a picture in 65536 steps, or those of a file of whole numbers."""
     low, high = ends = float(small.disparity.min()), float(small.disparity.max())
     if high - low <= _TOP and (small.disparity == small.disparity.round()).all():
         high = low + _TOP
@@ -206,7 +206,7 @@ def _depth_layer(small: _Small, depth: Depth) -> Layer:
 
 
 def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> list[int]:
-    """A pixel of a surface of a disparity, next to the middle of all of them."""
+    """The pixel of a surface at a disparity that is nearest to the middle of all of its pixels."""
     rows, columns = np.nonzero((small.disparity == value) & shows_surface)
     best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
     return [int((each[best] + 0.5) / small.scale) for each in (columns, rows)]

@@ -1,6 +1,6 @@
-"""The records of a report: items, their layers, and what they are made of.
+"""The records of a report: items, their layers, and the values of layers.
 
-The names of their fields are those that the script and the template of the report know.
+The script and the template of the report use the names of their fields.
 """
 
 from __future__ import annotations
@@ -8,22 +8,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-# Kinds of layer: light is shown as a screen shows it, with an exposure; a signed map is orange
-# below 0 and blue above; a share is from 0 to 1; another map is grey from its least to its greatest
+# Kinds of layer: light is shown as on a screen, with an exposure; a signed map is orange below 0
+# and blue above; a share is from 0 to 1; other maps are grey from their least to their greatest
 # value.
 LIGHT, SIGNED, SHARE, PLAIN = "light", "signed", "share", "plain"
-HEAT = "heat"  # a difference: its thumbnail has colours already
+HEAT = "heat"  # a difference, whose thumbnail has colours
 
 
 @dataclass(frozen=True)
 class StoredValues:
     """Values of a layer in numbers of 16 bits, packed: halves, or steps between two ends."""
 
-    payload: bytes  # as `defocus_core.reports.html.layers` packs them
-    box: tuple[int, int, int, int]  # column, row, width and height in px of what they are of
-    size: tuple[int, int]  # how many they are across and down
+    payload: bytes  # packed by `defocus_core.reports.html.layers`
+    box: tuple[int, int, int, int]  # column, row, width and height in px of the window
+    size: tuple[int, int]  # number of values across and down
     scale: float = 1.0  # factor from a half to the value of the file
-    ends: tuple[float, float] | None = None  # the values of steps 0 and 65535; none of halves
+    ends: tuple[float, float] | None = None  # the values of steps 0 and 65535; None for halves
     inverse: bool = False  # whether people read 1 / value, as metres of a disparity
     # Key of the layer whose bits were subtracted; empty if the left neighbour's were
     base: str = ""
@@ -34,7 +34,7 @@ class Layer:
     """A picture or a map of an item."""
 
     key: str  # name within the item, like ``a``, ``b`` or ``coc``
-    title: str  # as people read it
+    title: str  # name for people
     kind: str  # one of the kinds of this module
     channels: tuple[str, ...]  # names of its one or three channels
     size: tuple[int, int]  # width and height in px
@@ -42,8 +42,8 @@ class Layer:
     gamma: float | None = 1.0
     # The values of black and white in the thumbnail of a map
     ends: tuple[float, float] = (0.0, 1.0)
-    thumbnail: bytes = b""  # the bytes of a JPEG or PNG; empty if there is none
-    values: StoredValues | None = None  # none if they are not wanted
+    thumbnail: bytes = b""  # the bytes of a JPEG or PNG, or empty
+    values: StoredValues | None = None  # None if they are not kept
     unit: str = ""  # of its values
 
 
@@ -54,13 +54,13 @@ class Item:
     name: str  # of the pair
     status: str
     passes: bool  # whether all is well
-    words: str = ""  # what is to be said in a line
-    facts: Sequence[tuple[str, str]] = ()  # a term and what is to be said of it
+    words: str = ""  # the result in a line
+    facts: Sequence[tuple[str, str]] = ()  # terms and their texts
     metrics: Mapping[str, float] = field(default_factory=dict)
-    commands: Sequence[tuple[str, str]] = ()  # a title and a command line
-    ticked: str = ""  # what it adds to the command that accepts; empty if it cannot be accepted
-    layers: Sequence[Layer] = ()  # the first two are shown at first, if there are two
-    full: float = 1.0  # the difference of the hottest colour
+    commands: Sequence[tuple[str, str]] = ()  # titles and command lines
+    ticked: str = ""  # its argument of the command that accepts; empty if it cannot be accepted
+    layers: Sequence[Layer] = ()  # the first two are shown first
+    full: float = 1.0  # the difference at the hottest colour
     place: tuple[int, int] | None = None  # column and row of the worst pixel
 
 
@@ -79,7 +79,7 @@ class Report:
     """A report."""
 
     title: str
-    words: Sequence[str]  # what it is of, a line each
+    words: Sequence[str]  # lines on what was compared
     items: Sequence[Item]  # the most important first
     columns: Sequence[Column]  # the numbers that the table shows
-    accept: str = ""  # how the command begins that accepts the items that are ticked
+    accept: str = ""  # beginning of the command that accepts the ticked items

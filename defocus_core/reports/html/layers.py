@@ -1,8 +1,8 @@
-"""Layers of an item, drawn from decoded pictures; values of all of them, or of a window.
+"""Layers of an item, drawn from decoded pictures, with the values of all pixels or of a window.
 
 Values are packed as half floats, which a browser unpacks and shows at any exposure. The bits of a
-half are a number of 16 bits. Stored is its difference, modulo 2^16, to the left neighbour, or to
-the same pixel of another layer: channel after channel, the low bytes of all before the high bytes,
+half are a 16-bit number. The file stores its difference, modulo 2^16, from the left neighbour, or
+from the same pixel of another layer: channel after channel, all low bytes before all high bytes,
 deflated (zlib).
 """
 
@@ -39,12 +39,12 @@ A, B, DIFFERENCE = "a", "b", "difference"
 
 Box = tuple[int, int, int, int]  # x, y, width, height
 _LARGEST = 65504.0  # of half
-_LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
-_USUAL = 95  # per cent of the pixels that differ have less than the hottest colour
+_LEVEL = 4  # level of zlib: 6 takes twice the time for 3 % less
+_USUAL = 95  # percentile of the pixels that differ, at the hottest colour
 
 
 def common_scale(planes: Sequence[NDArray[Any]]) -> float:
-    """The factor from halves to the values of planes, which may be beyond the greatest half."""
+    """The factor from halves to the values of planes, which may exceed the greatest half."""
     maximum = max(map(largest, planes), default=0.0)
     return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
 
@@ -63,7 +63,7 @@ def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16
 
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
-    """The numbers that are stored as halves."""
+    """The numbers to store as halves."""
     return plane if scale == 1 else np.asarray(plane, np.float64) / scale
 
 
@@ -73,7 +73,7 @@ def pack(
     scale: float = 1.0,
     base: tuple[str, NDArray[np.uint16]] | None = None,
 ) -> StoredValues:
-    """Pack bits [C, H, W], in the shorter way if there is a base."""
+    """Pack bits [C, H, W], relative to the left neighbour or the base, whichever is shorter."""
     _, height, width = values.shape
     first = values.copy()
     first[:, :, 1:] -= values[:, :, :-1]
@@ -148,7 +148,7 @@ def kind_of(names: Sequence[str]) -> str:
 
 
 def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
-    """The part of a picture whose values are kept: all of it, or what is around a place."""
+    """The part of a picture whose values are kept: all of it, or a window around a place."""
     width, height = size
     if width * height <= WHOLE:
         return 0, 0, width, height
@@ -160,10 +160,10 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
 
 
 def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
-    """All layers, with the values of those of the size of the first.
+    """All layers, with the values of those that have the size of the first.
 
-    Values are of a window about a place; those of A and B have one scale. Where halves do not hold
-    the values of A and B, their difference is a layer of its own.
+    Values are those of a window about a place; A and B share a scale. If halves cannot hold the
+    values of A and B, their difference is a layer of its own.
     """
     size = drawn[0].layer.size
     x, y, width, height = box = window_of(size, place)
@@ -190,7 +190,7 @@ def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) 
 def _difference(
     a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]], scale: float, box: Box
 ) -> StoredValues | None:
-    """The values of a difference, if those of A and B as halves do not tell it exactly."""
+    """The values of a difference, if those of A and B as halves do not give it exactly."""
     planes, halves = [*a, *b], half_bits([*a, *b], scale).view(np.float16)
     with np.errstate(all="ignore"):
         if all(
@@ -204,9 +204,9 @@ def _difference(
 
 
 def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
-    """The layers of a pair, with its values or not, and the difference of the hottest colour.
+    """The layers of a pair, with or without values, and the difference at the hottest colour.
 
-    What cannot be read is left out.
+    Files that cannot be read are left out.
     """
     equal = record.passes and not record.differing and record.b is not None
     a, b = None if equal else _read(record.a), _read(record.b)
@@ -228,7 +228,7 @@ def _read(path: Path | None) -> DecodedPicture | None:
 def _pair(
     a: DecodedPicture | None, b: DecodedPicture | None, record: Comparison, title: str
 ) -> tuple[list[Drawn], float]:
-    """A, B of a title and their difference, as far as there are such; the hottest difference."""
+    """The layers A, B and their difference, as far as they exist, and the hottest difference."""
     sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
     _, _, last = sides[-1]
     names = [n for n in last.planes if all(n in each.planes for _, _, each in sides)]
@@ -247,7 +247,7 @@ def _pair(
 
 
 def difference_of(a: Drawn, b: Drawn) -> tuple[Drawn | None, float]:
-    """The difference of two layers, and that of the hottest colour; None if nothing differs."""
+    """The difference of two layers, and its value at the hottest colour; None if they are equal."""
     greatest = _greatest(a.planes, b.planes)
     full = _full(greatest)
     if not full:
@@ -258,7 +258,7 @@ def difference_of(a: Drawn, b: Drawn) -> tuple[Drawn | None, float]:
 
 
 def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """The greatest difference of the channels of each pixel; NaN and Inf of both are none."""
+    """The greatest difference of the channels of each pixel; equal NaN or Inf count as 0."""
     greatest: NDArray[Any] = np.zeros(a[0].shape)
     with np.errstate(all="ignore"):
         for one, other in zip(a, b, strict=True):
@@ -269,9 +269,9 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The power of 2 at which colours of heat end; 0 where nothing differs.
+    """The power of 2 at the hottest colour; 0 if nothing differs.
 
-    It is of the pixels that differ, so that a few lights, or many equal pixels, do not set it.
+    It follows from the pixels that differ, so that few lights, or many equal pixels, do not set it.
     """
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():

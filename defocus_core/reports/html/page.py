@@ -1,9 +1,8 @@
-"""A page of one HTML file: a template with its style and its script, data, and payloads after them.
+"""A page of one HTML file: a template with style and script, then data, then payloads.
 
-Nothing is loaded: the style, the script and all pictures are in the file. What comes from names of
-files is escaped, and the browser runs no script but ours (by its hash, Content-Security-Policy).
-What pages share is in ``templates/page.*``, and the viewer of pictures that all of them have in
-``viewer.js``.
+The page loads nothing: style, script and all pictures are in the file. Names of files are escaped,
+and the browser runs only our script (by its hash, Content-Security-Policy). ``templates/page.*``
+has the common parts of pages, ``viewer.js`` the viewer of pictures.
 
 A file has a bounded size: thumbnails of the first two layers and their difference come first, up to
 a half of the room; then the values of the items in their order, each with all its layers; then the
@@ -47,11 +46,11 @@ _REPORT_KEYS = (
     ("space", "play the items as a film"),
     ("/", "filter"),
 )
-# How a status looks: well, to be looked at, or bad.
+# The look of a status: good, warning or bad.
 _TONES = {"same": "good", "warning": "fair"}
-ROOM = 38_500_000  # characters of items; the file is to have less than 40 MB
-_FRAME = 1500  # characters of an item beside its texts: names of layers, elements of the table
-_PACKED = 1.0  # halves that a character holds at most, where B is like A
+ROOM = 38_500_000  # characters of items, for a file of less than 40 MB
+_FRAME = 1500  # characters of an item besides its texts: names of layers, elements of the table
+_PACKED = 1.0  # greatest number of halves per character, where B is like A
 _THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
@@ -80,7 +79,7 @@ def write_report(path: Path, report: Report) -> None:
 
 
 def _room_words(items: Sequence[Item]) -> str:
-    """What of the items there was room for."""
+    """Words on the pictures and values that there was room for."""
     valued = sum(any(layer.values for layer in item.layers) for item in items)
     pictured = sum(any(layer.thumbnail for layer in item.layers) for item in items)
     if valued == len(items):
@@ -94,8 +93,8 @@ def _room_words(items: Sequence[Item]) -> str:
 def plain(value: Any, payloads: dict[str, str]) -> Any:
     """A record as JSON has it, by the names of its fields.
 
-    Texts lose control characters, bytes are the name of a payload (empty if there are none), and a
-    number that JSON has not is the name that the script gives to it.
+    Control characters of texts are removed; bytes become the name of a payload (empty if there are
+    none), and a number that JSON lacks becomes the name that the script has for it.
     """
     if is_dataclass(value):
         return {each.name: plain(getattr(value, each.name), payloads) for each in fields(value)}
@@ -117,33 +116,33 @@ def plain(value: Any, payloads: dict[str, str]) -> Any:
 
 
 def _row_pictures(item: Mapping[str, Any]) -> list[str]:
-    """Payloads of the pictures of a row: of B, or what is first; the difference."""
+    """Payloads of the pictures of a row: B, or else the first layer, and the difference."""
     by_key = {layer["key"]: layer["thumbnail"] for layer in item["layers"]}
     first = by_key.get(B) or next(filter(None, by_key.values()), "")
     return [*filter(None, (first, by_key.get(DIFFERENCE, "")))]
 
 
 def length(data: bytes) -> int:
-    """Characters of base64."""
+    """The length of data in characters of base64."""
     return -(-len(data) // 3) * 4
 
 
 class ValuesRoom:
-    """The room that so many items leave for values, as a guess before they are drawn."""
+    """The room that items leave for values, estimated before they are drawn."""
 
     def __init__(self, items: int) -> None:
         self.left = float(ROOM - min(ROOM // 2, items * _THUMBNAILS))
 
     def takes(self, size: Sequence[int], planes: int) -> bool:
-        """Whether there may be room for the values of an item of (width, height) px."""
+        """Whether there is room for the values of an item of (width, height) px, by estimate."""
         wanted = self.left > 0
         self.left -= wanted * min(math.prod(size), WHOLE) * planes / _PACKED
         return wanted
 
 
 def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
-    """The items without the payloads that there is no room for, in so many characters."""
-    costs: dict[tuple[int, str, str], int] = {}  # by item, layer and what of it
+    """The items without the payloads that exceed the room in characters."""
+    costs: dict[tuple[int, str, str], int] = {}  # by item, layer and part
     first, valued, others = [], [], []
     for n, item in enumerate(items):
         for layer in item.layers:
@@ -158,7 +157,7 @@ def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
     kept: set[tuple[int, str, str]] = set()
 
     def keep(groups: Sequence[set[tuple[int, str, str]]], room: int) -> int:
-        """Keep what fits, and return the room left; one too large lets smaller ones follow."""
+        """Keep the groups that fit, also small ones after a too large one; return the room left."""
         for group in groups:
             cost = sum(costs[payload] for payload in group - kept)
             if 0 < cost <= room:
@@ -173,7 +172,7 @@ def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
 
 
 def _kept_layers(n: int, item: Item, kept: Container[tuple[int, str, str]]) -> list[Layer]:
-    """The layers that have something to show."""
+    """The layers with a payload to show."""
     layers = (
         replace(
             layer,
@@ -186,7 +185,7 @@ def _kept_layers(n: int, item: Item, kept: Container[tuple[int, str, str]]) -> l
 
 
 def text_room(item: Item) -> int:
-    """Characters of the texts of an item, of which its name and words stand there twice."""
+    """Characters of the texts of an item, with name and words counted twice."""
     texts = [*(text for pair in (*item.facts, *item.commands) for text in pair)]
     return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
 
@@ -194,7 +193,7 @@ def text_room(item: Item) -> int:
 def write_page(
     path: Path, name: str, *, data: Mapping[str, Any], payloads: dict[str, str], **values: Any
 ) -> None:
-    """Write the page of a template, whole or not at all; `data`: items, and what is the page's."""
+    """Write the page of a template, whole or not at all; `data`: items and fields of the page."""
     import jinja2
 
     folder = files("defocus_core.reports.html") / "templates"
@@ -216,7 +215,7 @@ def write_page(
         keep_trailing_newline=True,
     )
     safe = environment.filters["safe"]
-    # JSON, of ASCII alone, that cannot end the element it stands in
+    # JSON in ASCII that cannot end the element around it
     text = json.dumps({**data, **colors}, allow_nan=False, separators=(",", ":"))
     text = with_dashes(text.replace("\\u2039", "‹").replace("\\u203a", "›"))
     for letter in "&<>":

@@ -1,4 +1,4 @@
-"""The command line that renders a picture as a lens and settings say."""
+"""The command line that renders a picture with a lens and settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.lens import DEFAULTS
 from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
 
-# Options by the keys of a record of a lens; its other keys say how the lens was chosen.
+# Options by the keys of a lens record; other keys tell how the lens was chosen.
 _LENS = {**RECORDED, **EFFECT_OPTIONS}
 _CHOICE = frozenset({"focus_at_px", "focus_percentile", "draw"})
 _MACHINE = ("quality", "depth_repair", "tile")
@@ -47,10 +47,10 @@ def _lens_words(lens: Mapping[str, Any]) -> list[object]:
 
 
 def _option_words(values: Mapping[str, Any]) -> list[object]:
-    """The options of plain settings, which lack those that have their default."""
+    """The options of plain settings; those at their default are left out."""
     words: list[object] = []
     for field, value in values.items():
-        if field == "relative":  # as the blur in pixels says
+        if field == "relative":  # implied by a blur in pixels
             continue
         option = f"--{field.replace('_', '-')}"
         row = READING_OPTIONS.get(option.removeprefix("--"))

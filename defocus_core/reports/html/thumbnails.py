@@ -17,7 +17,7 @@ from defocus_core.reports.html.item import LIGHT, SHARE, SIGNED
 
 SIDE = 320  # px of the longer side
 _QUALITY = 75  # of a JPEG
-# Colours of a difference from 0 to full, in sRGB: of even steps in lightness.
+# Colours of a difference from 0 to full, in sRGB, in even steps of lightness.
 HEATS = (
     *((0.00, 0.00, 0.02), (0.26, 0.04, 0.41), (0.58, 0.15, 0.40), (0.87, 0.32, 0.23)),
     *((0.99, 0.65, 0.04), (0.99, 1.00, 0.64)),
@@ -56,7 +56,7 @@ def of_map(plane: NDArray[Any], value_range: tuple[float, float]) -> bytes:
 
 
 def of_difference(greatest: NDArray[Any], full: float) -> bytes:
-    """A JPEG of the greatest differences [H, W] in colours of heat: of each block the worst pixel.
+    """A JPEG of differences [H, W] in heat colours, reduced to the worst pixel of each block.
 
     Differences that are NaN or infinite are magenta.
     """
@@ -86,7 +86,7 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
 
 
 def reduced(values: NDArray[Any], *, worst: bool = False) -> NDArray[np.float32]:
-    """The mean of blocks of [H, W, C], or the greatest, so that no side is longer than `SIDE`."""
+    """The mean or greatest of blocks of [H, W, C], so that no side is longer than `SIDE`."""
     factor = -(-max(values.shape[:2]) // SIDE)
     if factor > 1:
         gather: Any = np.maximum if worst else np.add
@@ -101,7 +101,7 @@ def reduced(values: NDArray[Any], *, worst: bool = False) -> NDArray[np.float32]
 
 
 def resized(pixels: NDArray[Any], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Pixels [H, W, C] as means of their light at a size (height, width)."""
+    """Pixels [H, W, C] resized to (height, width) by mean light."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     buffer = oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32))

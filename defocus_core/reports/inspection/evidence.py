@@ -1,6 +1,6 @@
-"""Evidence for people to judge: of the format of a depth file that nobody has named.
+"""Evidence, for people, of the format of a depth file whose format was not given.
 
-It changes nothing in what is read, and only strong evidence is told.
+Evidence does not change how the file is read; only strong evidence is shown.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from defocus_core.io.depth_formats.table import FLOATS
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.safe_files import is_heic, read_head
 
-_GROWS = 2.0  # how many times greater numbers are below
+_GROWS = 2.0  # ratio of the numbers in the lower third to those in the upper
 # Names of channels and arrays that only one format has.
 _TELLING_NAMES = {
     "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
@@ -33,7 +33,7 @@ _TELLING_NAMES = {
 
 
 def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> Iterator[str]:
-    """Sentences on the formats that a depth file could be of."""
+    """Sentences on the formats that a depth file could have."""
     if reading.depth_format is not None:
         return
     names = [name.split(" ")[0] for name in info.names]
@@ -57,7 +57,7 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> Iterator[s
 
 
 def _numbers(path: Path, reading: DepthReading) -> DepthNumbers | None:
-    """The numbers of a depth file; None where another line of the report says why not."""
+    """The numbers of a depth file; None if another line of the report tells why it has none."""
     with suppress(DefocusError):
         return read_numbers(path, replace(reading, depth_scale=1.0), None)
     return None
@@ -68,7 +68,7 @@ def _grows_downwards(samples: DepthNumbers) -> bool:
     values, height = samples.values, samples.values.shape[0]
     if samples.marks or height < 3:
         return False
-    with np.errstate(invalid="ignore"):  # NaN may be of the kind that signals
+    with np.errstate(invalid="ignore"):  # a signalling NaN warns
         above, below = (
             np.asarray(values[rows], np.float64)
             for rows in (slice(height // 3), slice(-(height // 3), None))

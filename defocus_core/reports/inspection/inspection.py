@@ -1,4 +1,4 @@
-"""The contents of a file and how it would be read, as ``defocus info`` finds them."""
+"""The contents of a file and how it would be read, for ``defocus info``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from defocus_core.system.process import delayed_signals
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
-# Codes of files that have no colour, or no depth, but may have the other.
+# Codes of errors of files that lack colour or depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 
 
@@ -51,7 +51,7 @@ class _Asked:
 
     path: Path
     reading: Reading
-    lens: LensValues | None  # what to say the blur of; None for none
+    lens: LensValues | None  # the lens whose blur is reported, or None
 
     @property
     def lens_focal(self) -> float | None:
@@ -59,7 +59,7 @@ class _Asked:
         return None if self.lens is None else self.lens.foclen / self.lens.sensor_width
 
     def depth(self, color: Color | None) -> Depth:
-        """The depth, with nothing where the alpha of its colour is 0."""
+        """The depth, invalid where the alpha of its colour is 0."""
         depth = read_depth(
             self.path,
             self.reading,
@@ -73,9 +73,9 @@ class _Asked:
 
 
 def _color_figures(color: Color) -> dict[str, Any]:
-    """Its channels, the pixels that are not finite, and those that alpha leaves out, in part too.
+    """Channels, and counts of pixels that are not finite or that alpha removes, also in part.
 
-    Pixels beyond the picture shown count.
+    Pixels beyond the display window are included.
     """
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
     told = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
@@ -86,7 +86,7 @@ def _color_figures(color: Color) -> dict[str, Any]:
 
 
 def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, Any]]:
-    """How the depth would be read, and its figures; ranges are None without valid pixels.
+    """The way to read the depth, and its figures; ranges are None without valid pixels.
 
     `color`: the colour of the same file; None if it has none.
     """
@@ -128,12 +128,12 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
 def _repair(
     depth: Depth, lens: LensValues, reading: Reading
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
-    """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
+    """The repair of the depth, and warnings if the depth hardly suits the lens."""
     import torch
 
     from defocus_core.depth.repair import diagnose_depth
 
-    with suppress(InputError):  # too near to be rendered, as the radius shows
+    with suppress(InputError):  # the radius shows that it is too near to render
         radii, declared = radii_of(lens, depth), reading.says_scale
         warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
         repair = diagnose_depth(
@@ -148,14 +148,14 @@ def _repair(
 
 
 def ends_of(values: NDArray[Any]) -> list[float]:
-    """Least and greatest; nothing of none."""
+    """The least and the greatest value; None if there is none."""
     return [float(values.min()), float(values.max())] if values.size else []
 
 
 def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool) -> dict[str, Any]:
-    """Read a file as ``defocus render`` would, and say what is in it.
+    """Read a file as ``defocus render`` would, and report its contents.
 
-    `lens`: what to say the blur of; None for none.
+    `lens`: the lens whose blur is reported, or None.
     """
     with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -189,11 +189,11 @@ def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool
 
 
 def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
-    """The colour of a file and how it is read; None, and why it has none."""
+    """The colour of a file and how it is read, or None and the reason."""
     path, overscan = info.path, NO_OVERSCAN
     if not (is_exr(read_head(path)) or {"R", "G", "B"} <= set(info.names) or "Y" in info.names):
         return None, "has no colour channels"
-    with suppress(InputError):  # only where depth lies beside the colour
+    with suppress(InputError):  # only if depth lies beside the colour
         overscan = overscan_of(InputPair(PictureFiles("", path, path), reading))
     try:
         picture = read_color(
@@ -215,7 +215,7 @@ def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
 def _depth_of(
     asked: _Asked, picture: Color | None, *, arrays: bool
 ) -> tuple[str, dict[str, Any] | None]:
-    """How the depth of a file is read and its figures; why it has none, and None."""
+    """How the depth of a file is read, and its figures; or the reason why not, and None."""
     if asked.reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
@@ -229,7 +229,7 @@ def _depth_of(
 
 
 def _part_record(path: Path, part: Header) -> dict[str, Any]:
-    """A part of a file in plain values; windows are those of an EXR, samples of a deep one."""
+    """A part of a file in plain values, with windows of an EXR and samples of a deep one."""
     told = {
         "index": part.index,
         "name": part.name,
@@ -255,7 +255,7 @@ def _part_record(path: Path, part: Header) -> dict[str, Any]:
 def _maps(info: FileInfo) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
     kinds = [name for name in info.names if name in NO_DEPTH]
-    if not kinds or has_frames(info.path):  # an array may have such a name, too
+    if not kinds or has_frames(info.path):  # an array may have the name of a map, too
         return []
     maps = []
     for kind, values in _values_of_maps(info.path, kinds):
@@ -284,7 +284,7 @@ def _clause(error: InputError) -> str:
 
 
 def summarised(pattern: Path) -> dict[str, Any]:
-    """The frames of a shot, those that are missing, and their sizes."""
+    """The present and missing frames of a shot, and their sizes."""
     by_size: dict[tuple[int, int], list[int]] = {}
     for number, path in frames_of(pattern).items():
         info = describe(path)
@@ -309,7 +309,7 @@ def shot_line(told: Mapping[str, Any]) -> str:
 
 
 def range_words(depth: Mapping[str, Any]) -> str:
-    """The ends of a depth in words: in metres, unless its numbers are no distances."""
+    """The range of a depth in words, in metres if its numbers are distances."""
     for key, unit in (("range_m", " m"), ("range", "")):
         if depth[key]:
             return " to ".join(f"{end:.6g}{unit}" for end in depth[key])
