@@ -31,7 +31,7 @@ from defocus_cli.main import main  # noqa: E402
 def run() -> NoReturn:
     """Carry out the command line, and leave with its exit code."""
     codes: list[int] = []
-    atexit.register(_leave, codes)  # first: what others register comes before
+    atexit.register(_leave, codes)  # registered first, so that it runs last
     if signal.getsignal(signal.SIGINT) is _end:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     codes.append(main())
@@ -39,8 +39,8 @@ def run() -> NoReturn:
 
 
 def _leave(codes: list[int]) -> None:
-    """End at once: all is written, and taking PyTorch down takes a third of a second."""
-    with suppress(OSError, ValueError):  # nobody reads what is printed: Python says so
+    """End at once, as all is written and unloading PyTorch takes a third of a second."""
+    with suppress(OSError, ValueError):  # nobody reads the output; Python would report it
         for stream in filter(None, (sys.stdout, sys.stderr)):
             stream.flush()
         for code in codes:

@@ -40,7 +40,7 @@ from defocus_core.errors import (
 from defocus_core.system.process import Terminated, delayed_signals, terminations
 from defocus_core.system.text import back_words, versions
 
-# Each command, in the order help shows them, and what it does, so that help imports none of them.
+# The commands in the order of help, with a description, so that help need not import them.
 COMMANDS = {
     "render": "Defocus pictures, given their colour and depth.",
     "batch": "Render many pictures with many lenses, as a jobs file lists them.",
@@ -60,7 +60,7 @@ COMMANDS = {
 
 
 class Interruptible(click.Context):
-    """The context of a command line that Ctrl-C ends; click would answer an empty line first."""
+    """The context of a command line that Ctrl-C ends without the empty line of click."""
 
     def __exit__(self, kind: type[BaseException] | None, *of: Any) -> None:
         super().__exit__(kind, *of)
@@ -74,7 +74,7 @@ class LazyGroup(click.Group):
     context_class = Interruptible
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the commands, in the order help shows them."""
+        """Names of the commands, in the order of help."""
         return list(COMMANDS)
 
     def get_help(self, ctx: click.Context) -> str:
@@ -99,7 +99,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that ``args`` start with, and what is left of them."""
+        """The command at the start of ``args``, and the rest."""
         if args[0] not in COMMANDS:
             remedy = did_you_mean(args[0], tuple(COMMANDS), "see 'defocus --help'")
             remedy = gone.remedy("command", args[0], otherwise=remedy)
@@ -194,11 +194,11 @@ def error_line(error: click.ClickException) -> str:
 
 
 def _fail(line: str, exit_code: int, code: str | None = None) -> int:
-    """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
+    """Print why a command failed on stderr and, with ``--json``, as a document on stdout."""
     line = with_dashes(line, Due.keys)
     try:
         write_stderr(f"defocus: {line}")
-    except OSError:  # a full disk, or a limit of the size of files
+    except OSError:  # a full disk, or a limit on file sizes
         if not Due.json:
             with suppress(OSError):
                 click.echo(f"defocus: {line}")

@@ -1,11 +1,11 @@
 """Render every sample scene with `defocus render` and measure it against its thin-lens truth.
 
-A scene that has depth as networks estimate it, estimated.png, is rendered with this depth, too.
+A scene with estimated.png, depth like that of networks, is rendered with this depth, too.
 
     python sample_scenes/demo.py [--out out] [-- OPTION …]      (options for `defocus render`)
 
 PSNR is that of sRGB-encoded pictures, clipped to [0, 1]. A border as wide as the largest circle of
-confusion is left out: what lies outside the frame is not in the input.
+confusion is left out, since content outside the frame is not in the input.
 """
 
 import argparse

@@ -162,5 +162,5 @@ class Scene:
 
     @property
     def everything(self) -> list[Surface]:
-        """Whatever can stop a ray."""
+        """All surfaces and lights, which can stop a ray."""
         return [*self.surfaces, *self.lights]

@@ -66,7 +66,7 @@ def rays(camera: Camera, lens: Lens, x: Array, y: Array, ux: Any, uy: Any) -> Ra
 
 
 class View(NamedTuple):
-    """What one lens point sees: linear RGB [H, W, 3], depth [H, W], and where there is anything."""
+    """The view of a lens point: linear RGB [H, W, 3], depth [H, W], and where a surface is."""
 
     rgb: Array
     depth: Array

@@ -113,7 +113,7 @@ def make_batch(folder: Path, scenes: int) -> Path:
 
 
 class Matching(nn.Module):
-    """How unlike left and right are when one is shifted, and a few convolutions that judge it."""
+    """Differences of left and right at several shifts, and a few convolutions on them."""
 
     shifts = range(-5, 6)  # px, of the disparity
 

@@ -1,4 +1,4 @@
-"""``defocus aperture``: the opening of a lens, and the blur of a point, to look at."""
+"""``defocus aperture``: draw the opening of a lens and the blur of a point."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from defocus_core.request.quantities import pixel_count
     "-o --out FILE", "File to write: .png to look at, .exr to measure.", FilePath(), required=True
 )
 @output_option("--radius PX", "Radius of the blur.", pixel_count, default="16px", show_default=True)
-@output_option("--nearer", "Of a point nearer than the focus.")
-@output_option("--overwrite", "Replace a file that is there.")
+@output_option("--nearer", "Draw the blur of a point nearer than the focus.")
+@output_option("--overwrite", "Replace an existing file.")
 @opening_options()
 def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: LensValues) -> None:
     """Draw the opening of a lens, and the blur of a point beyond the focus.
 
-    A PNG shows four squares: the opening, the blur of a point at --radius with every pixel of it
-    enlarged, and what the left and the right half of the opening make of it. An EXR has the blur
-    in channel 'kernel', whose sum is 1, and what the halves make of it in 'left' and 'right'.
+    A PNG shows four squares: the opening, the blur of a point at --radius with enlarged pixels, and
+    its blur by the left and the right half of the opening. An EXR has the blur in channel 'kernel',
+    with sum 1, and those of the halves in 'left' and 'right'.
 
     \b
     Examples:

@@ -37,7 +37,7 @@ from defocus_core.request.resolver import fields_of
 
 
 def crew_options(command: Command) -> Command:
-    """Hand a command ``crew``: the processes that compute."""
+    """Pass ``crew`` to a command: the processes that compute."""
     options = [
         machine_option(
             "--scheduler local|tcp://…",
@@ -67,7 +67,7 @@ def crew_options(command: Command) -> Command:
 
 
 def shard_of(text: str) -> Shard:
-    """A part of a batch, written i/n."""
+    """A part of a batch, parsed from i/n."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
     if not match or not 1 <= int(match[1]) <= int(match[2]):
         problem = f"'{text}' is not a part of a batch"
@@ -86,14 +86,14 @@ def shard_of(text: str) -> Shard:
     default=True,
     show_default=True,
 )
-@option("--overwrite", "Do all again, whatever was done before.")
+@option("--overwrite", "Do all jobs again, also finished ones.")
 @option(
     "--new-only",
-    "Do only the jobs that have no outputs yet; keep existing outputs, whatever changed.",
+    "Do only the jobs without outputs; keep existing outputs, whatever changed.",
 )
 @dataset_options
 @contact_option
-@option("--dry-run", "Say what is to do, why, and in how much memory; stop.")
+@option("--dry-run", "Show the jobs to do, the reasons and the memory, without rendering.")
 @json_option
 @verbose_option
 @crew_options
@@ -119,13 +119,13 @@ def command(
     'defocus help batch' describes JOBS.toml. OUT/journal.jsonl has a line for each finished job.
     After an interruption the same command continues: finished jobs are done again only if their
     inputs, settings or outputs changed, or the renderer did; failed jobs are tried again. At the
-    end OUT/metadata.jsonl lists the samples. Samples of an earlier batch that this one does not ask
-    for stay in OUT, but not in the list.
+    end OUT/metadata.jsonl lists the samples. Samples of an earlier batch that are not in JOBS.toml
+    stay in OUT, but are not listed.
 
     The first Ctrl-C finishes the pictures being rendered; the second stops at once, like SIGTERM.
 
-    Several machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then
-    'defocus merge OUT'.
+    Machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then 'defocus
+    merge OUT'.
 
     \b
     Examples:

@@ -27,7 +27,7 @@ _QUALITIES = ("standard", "high")
 )
 @option(
     "--quality QUALITY,…",
-    f"What to measure, of {', '.join(QUALITIES)}.  [default: {','.join(_QUALITIES)}]",
+    f"Qualities to measure, of {', '.join(QUALITIES)}.  [default: {','.join(_QUALITIES)}]",
     several(one_of(QUALITIES), "standard,high"),
     into="qualities",
     default=_QUALITIES,
@@ -46,10 +46,10 @@ def command(
     device: str,
     as_json: bool,
 ) -> None:
-    """Render scenes with known truth and say how far off each shot is and how long it took.
+    """Render scenes with known truth and print the error and the time of each shot.
 
-    Beside the qualities stand the plain sum of blurred slices and, where compiled loops render
-    'standard', the same by 'torch'.
+    The table also has 'sum', the plain sum of blurred slices, and 'torch', which is 'standard' by
+    the torch back, if compiled loops render 'standard'.
 
     PSNR (dB) and SSIM are of sRGB-encoded pictures, relRMSE and p999 (99.9th percentile of the
     error) of linear light. A border as wide as the largest blur is left out. 'edges' is PSNR

@@ -1,4 +1,4 @@
-"""``defocus choose``: a page to choose focus and blur on."""
+"""``defocus choose``: a page for choosing focus and blur."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there 
 @click.argument("depth", type=FilePath(), required=False)
 @output_option(
     "-o --out FILE.html",
-    "The page to write; an earlier one is replaced.",
+    "Page to write; replaces an earlier one.",
     ReportPath("html"),
     required=True,
 )

@@ -1,4 +1,4 @@
-"""``defocus compare``: whether two pictures, or two folders of them, are the same."""
+"""``defocus compare``: compare two pictures, or two directories of them."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ _METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
 _HELP = f"""Say whether B is the same as A, and if not, what happened to it.
 
 A is the reference. A and B are two files, or two directories whose files pair up by their relative
-path; a file that one of them lacks is a difference. Of two finished batches, pictures pair up by
-sample and kind, and what differs in their recipes (settings, lens, versions, inputs) is said first.
+path; a file that one of them lacks is a difference. Pictures of two finished batches pair up by
+sample and kind; differences of their recipes (settings, lens, versions, inputs) come first.
 
 All values must be equal over the display window, or pass the rules of --fail. NaN or infinity on
 one side only, another size and a missing channel are never the same. Number type, compression,
@@ -73,7 +73,7 @@ Examples:
 @comparing.comparison_options()
 @option(
     "--accept",
-    "After the report, make the files of B that differ the new A, which is made if it is missing. "
+    "After the report, copy the files of B that differ to A, which is created if missing. "
     "Files that B lacks stay.",
 )
 @option(
@@ -100,7 +100,7 @@ def command(
     as_json: bool,
     verbose: bool,
 ) -> int:
-    """Compare, as the help says."""
+    """Compare two pictures or directories; the help text is above."""
     start = time.perf_counter()
     batches = pair_batches(a, b, only) if are_batches(a, b) else None
     pairs = chosen_pairs(find_pairs(a, b, anew=accept), only) if batches is None else batches.pairs
@@ -117,7 +117,7 @@ def command(
             records.append(record)
             if not as_json and compare_report.is_worth_a_line(record, verbose=verbose, lone=lone):
                 console.stdout(compare_report.line(record))
-    finally:  # of an interrupted run, what was compared is told
+    finally:  # an interrupted run reports the pairs compared so far
         if not (as_json or lone):
             console.stdout(compare_report.summary(records, len(pairs)))
         words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]

@@ -1,4 +1,4 @@
-"""``defocus depth``: depth files of any format to EXR in planar metres."""
+"""``defocus depth``: convert depth files of any format to EXR in planar metres."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from defocus_core.system.text import counted
     required=True,
 )
 @output_option("--preview", "Also write <stem>.preview.png, near is bright.")
-@output_option("--overwrite", "Replace files that are there.")
+@output_option("--overwrite", "Replace existing files.")
 @reading_options(lambda row: not row.of_pictures)
 @json_option
 def command(

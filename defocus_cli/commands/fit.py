@@ -1,4 +1,4 @@
-"""``defocus fit``: the lens between a sharp and a blurred picture."""
+"""``defocus fit``: find the lens between a sharp and a blurred picture."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _fit_option = partial(lens_option, is_common=True)
 _options = [
     _fit_option(
         "--focal-length LENGTH",
-        "Focal length of the lens, for which the f-number is found.",
+        "Focal length of the lens, to find the f-number.",
         LENS_OPTIONS["focal-length"].parse,
         into="foclen",
         default="50mm",
@@ -37,20 +37,20 @@ _options = [
     ),
     _fit_option(
         "--sensor-width LENGTH",
-        "Width of the sensor that the pictures show.",
+        "Width of the sensor area in the pictures.",
         LENS_OPTIONS["sensor-width"].parse,
         default="36mm",
         show_default=True,
     ),
     _fit_option(
         "--exposure",
-        "Find a gain of each colour, too, and how light falls off over the frame of each picture.",
+        "Find also a gain of each colour, and the falloff of light over the frame of each picture.",
     ),
-    _fit_option("--shift", "Find by how many px, up to 16, BLURRED lies beside SHARP, too."),
-    _fit_option("--dual-pixel", "Find the crosstalk of the photodiodes of a pair, too."),
+    _fit_option("--shift", "Find also the shift of BLURRED from SHARP, up to 16 px."),
+    _fit_option("--dual-pixel", "Find also the crosstalk of the photodiodes of a pair."),
     _fit_option(
         "--dp-model MODEL",
-        "The model of the photodiodes or the file of their kernels, as for render.  "
+        "Model of the photodiodes, or file of their kernels, as for render.  "
         "[default: smooth with --dual-pixel, else split]",
         LENS_OPTIONS["dp-model"].parse,
     ),
@@ -63,12 +63,12 @@ _options = [
 @click.argument("blurred", type=FilePath(), metavar="BLURRED")
 @files_option(
     "--right FILE",
-    "The right picture of a dual-pixel pair, of which BLURRED is the left one.",
+    "Right picture of a dual-pixel pair; BLURRED is the left one.",
     FilePath(),
     is_common=True,
 )
 @output_option("-o --out LENS.toml", "Lens file to write.", FilePath(), is_common=True)
-@output_option("--overwrite", "Replace a lens file that is there.", is_common=True)
+@output_option("--overwrite", "Replace an existing lens file.", is_common=True)
 @bundle("options", FitOptions, _options)
 @reading_options()
 @json_option
@@ -85,7 +85,7 @@ def command(
 ) -> None:
     """Find focus and f-number by which SHARP with its DEPTH looks like BLURRED.
 
-    The radius of the blur is affine in 1/depth. So depth of unknown scale and shift will do: give
+    The radius of the blur is affine in 1/depth. So depth of unknown scale and shift is enough: give
     any --depth-range, and use the lens file with the same one. Pixels that are clipped, or that a
     rendering must invent, hardly count. The magnification of BLURRED is found, too.
 

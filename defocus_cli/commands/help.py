@@ -32,8 +32,7 @@ TOPICS = {
 def command(topic: str | None) -> None:
     """Print the reference on TOPIC; without TOPIC, list the topics.
 
-    'defocus COMMAND --help' lists the options of a command that most need,
-    and --help-all all.
+    'defocus COMMAND --help' lists the common options of a command, and --help-all every option.
 
     \b
     Examples:

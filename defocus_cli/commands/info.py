@@ -39,13 +39,13 @@ def command(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Say what is in colour and depth files, as 'defocus render' would read them.
+    """Show the content of colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. What becomes of colour and depth together
-    'defocus render' says with --dry-run.
+    cannot be read is named, and the others are reported. For colour and depth together, use
+    'defocus render' with --dry-run.
 
-    Of patterns like 'shot.####.exr' the frames, gaps and sizes are told in a line.
+    For patterns like 'shot.####.exr', a line shows the frames, gaps and sizes.
 
     \b
     Examples:
@@ -67,7 +67,7 @@ def command(
         count = len(records)
         with failures.kept():
             records.append(inspect(file, reading, lens, lone=len(files) == 1))
-        if not as_json and len(records) > count:  # a stdout that is full ends all of it
+        if not as_json and len(records) > count:  # a full stdout ends the command
             console.stdout(*file_lines(records[-1]))
     if as_json and (records or shots):
         more = {"shots": shots} if shots else {}
@@ -76,7 +76,7 @@ def command(
 
 
 def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
-    """What is in a file, from the record that ``inspect`` makes of it."""
+    """The content of a file in words, from the record of ``inspect``."""
     color, depth = told["color"], told["depth"]
     yield "{}: {}x{}".format(told["file"], *told["size"])
     for part in told["parts"]:
@@ -114,7 +114,7 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _layout(part: Mapping[str, Any]) -> str:
-    """Views, windows and pixels of a part of an EXR, as far as they are not the usual ones."""
+    """Views, windows and pixel aspect of a part of an EXR, as far as unusual."""
     words = []
     if part["views"]:
         words.append(f"view{'s' * (len(part['views']) > 1)} {', '.join(part['views'])}")

@@ -1,4 +1,4 @@
-"""``defocus lenses``: the lens files that ship, and what they look like."""
+"""``defocus lenses``: list the lens files that ship, or draw their looks."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from defocus_core.request.lens_files import shipped_lenses
     "Contact sheet to write: the same lights, at the same radii, with each lens.",
     FilePath(),
 )
-@output_option("--overwrite", "Replace a file that is there.")
+@output_option("--overwrite", "Replace an existing file.")
 @json_option
 def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
-    """List the lens files that ship with defocus, as '--lens @NAME' takes them.
+    """List the lens files that ship with defocus, by their names for --lens.
 
-    A lens that ships has no focus: give it one, and any other option that should win over it.
+    A lens that ships has no focus: give one. Other options win over those of the lens.
 
     \b
     Examples:

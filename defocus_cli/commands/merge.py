@@ -1,4 +1,4 @@
-"""``defocus merge``: join the journals of the shards of a batch into one."""
+"""``defocus merge``: merge the journals of the shards of a batch."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ from defocus_core.system.text import counted
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """Merge the journals that 'defocus batch --shard' left in OUT, and write the index of samples.
 
-    The result is that of a single run. The index lists the samples of all batches in OUT;
-    'defocus batch' without --shard, run again, lists those of its jobs file alone. No shard may be
-    running.
+    The result is that of a single run. The index lists the samples of all batches in OUT; 'defocus
+    batch' without --shard lists those of its jobs file alone. No shard may be running.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""``defocus render``: colour and depth in, defocused pictures out."""
+"""``defocus render``: defocus pictures, given their colour and depth."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from defocus_core.request.picture_lenses import PictureLenses
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would at the distances of DEPTH; write OUT/<kind>/<stem>.<ext>.
 
-COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
-COLOR is an EXR that holds both, or a directory of such. Patterns like 'shot.####.exr' or
+COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH, COLOR
+is an EXR that holds both, or a directory of such files. Patterns like 'shot.####.exr' or
 'shot.%04d.exr' are the frames of a shot, which pair up by number ('defocus help shots').
 
-OUT/journal.jsonl records what was done. The same command, given again, renders what is left, and
-what has other inputs, options or outputs than before. Files that the journal does not know, and
-pictures of another lens, are not replaced: give another OUT. --view left,right renders each view;
-its name becomes part of the file name.
+OUT/journal.jsonl records finished pictures. The same command, given again, renders the rest, and
+pictures whose inputs, options or outputs changed. Files that are not in the journal, and pictures
+of another lens, are not replaced: give another OUT. --view left,right renders each view; its name
+becomes part of the file name.
 
 \b
 Kinds:
@@ -72,7 +72,7 @@ Examples:
 @verbose_option
 @option(
     "--dry-run",
-    "Say what would be read and written, and in how much memory, and stop.",
+    "Show the files to read and write and the memory, without rendering.",
 )
 def command(
     color: Path,
@@ -88,7 +88,7 @@ def command(
     verbose: bool,
     dry_run: bool,
 ) -> None:
-    """Parse the options, render the pictures that are left to do, and report."""
+    """Parse the options, render the pictures that are not done, and report."""
     pictures, every = find(color, depth, others, frames=shot.frames)
     if not lenses.is_complete:
         from defocus_core.picture.subject import with_blur_and_focus
@@ -136,7 +136,7 @@ def command(
 def _with_lenses(
     pictures: Sequence[PictureFiles], lenses: PictureLenses, *, verbose: bool
 ) -> Iterator[tuple[PictureFiles, LensValues]]:
-    """Each picture and its lens; what metadata decided is said where it changes."""
+    """Each picture and its lens; reports options from metadata where they change."""
     said: object = None
     for picture in pictures:
         lens, taken = lenses.of(picture)

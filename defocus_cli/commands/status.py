@@ -17,7 +17,7 @@ from defocus_core.request.origin import KEPT
 @click.argument("out", type=FilePath())
 @option(
     "--failures N",
-    "Name at most the last N failed jobs.",
+    "Show at most the last N failed jobs.",
     click.IntRange(min=0),
     default=10,
     show_default=True,
@@ -26,7 +26,7 @@ from defocus_core.request.origin import KEPT
 def command(out: Path, failures: int, as_json: bool) -> None:
     """Show the progress of the batch in OUT: jobs done and left, failed ones with reasons.
 
-    It reads the journal alone, so it may run while the batch does.
+    It only reads the journal, so it may run during the batch.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""``defocus verify``: measure the laws of the lens on this machine."""
+"""``defocus verify``: check the laws of the lens on this machine."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _LINE = "{:13}  {:53}  {:>8}  {:>8}  {:4}  {}"
 @machine_options("quality", "device", "threads")
 @json_option
 def command(machine: Machine, as_json: bool) -> int:
-    """Render small pictures and measure whether the laws of the lens hold on this machine.
+    """Render small pictures and check that the laws of the lens hold on this machine.
 
-    White stays white; a point becomes a disc of the right radius; what is in focus stays; nearer
-    covers farther; left and right make the whole; tiles leave no seam; the gradient is right; CPU
-    and GPU agree.
+    White stays white; a point becomes a disc of the right radius; pixels in focus stay sharp; near
+    surfaces cover far ones; the mean of left and right is the render; tiles leave no seam; the
+    gradient is right; CPU and GPU agree.
 
     It takes seconds. The exit code is 0 if all hold, 1 if one fails.
 
@@ -77,14 +77,14 @@ def command(machine: Machine, as_json: bool) -> int:
 
 
 def _line(check: Check) -> str:
-    """One check, as a row of the table."""
+    """A check, as a row of the table."""
     value = "-" if check.value is None else f"{check.value:.2g}"
     verdict = "skipped: no GPU in use" if check.value is None else "ok" if check.ok else "FAILED"
     return _LINE.format(check.law, check.measured, value, f"{check.bound:.2g}", check.unit, verdict)
 
 
 def _record(check: Check) -> dict[str, Any]:
-    """One check; a value that is no finite number is null, as is one that was not measured."""
+    """A check, for JSON; a value that is not finite or was not measured is null."""
     finite = check.value is not None and math.isfinite(check.value)
     return {
         **asdict(check),

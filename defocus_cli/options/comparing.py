@@ -1,7 +1,6 @@
 """Options of comparisons: rules, what is compared, and reports.
 
-``@comparison_options()`` adds ``--fail``, … and hands the command
-``asked: ComparisonOptions``.
+``@comparison_options()`` adds ``--fail``, … and passes ``asked: ComparisonOptions``.
 """
 
 from __future__ import annotations
@@ -43,26 +42,26 @@ _REPORTS = ("diff", "junit", "html", "markdown", "causes")  # attributes of Comp
 _rule_option = partial(option, heading="Rules")
 _selecting_option = partial(option, heading="What is compared")
 _report_option = partial(option, heading="Reports")
-_DIFF = "Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png."
-_HTML = "Write a report to look at in a browser: one file, with the pictures in it."
+_DIFF = "Write differences to this directory: signed in NAME.diff.exr, amplified in NAME.diff.png."
+_HTML = "Write a report for a browser: one file, with the pictures in it."
 
 
 @dataclass(frozen=True)
 class ComparisonOptions:
-    """A comparison as it is asked for."""
+    """The options of a comparison."""
 
-    rules: Thresholds  # of options, over those of the file
+    rules: Thresholds  # rules of options, above those of the file
     file: Path | None  # of thresholds
     settings: CompareSettings
     diff: Path | None = None  # the folder of difference images
     junit: Path | None = None
     html: Path | None = None
     markdown: Path | None = None
-    causes: str = "first"  # of which failing pairs the cause is sought, a key of `CAUSES`
+    causes: str = "first"  # the failing pairs whose cause is sought, a key of `CAUSES`
 
     @property
     def task(self) -> Task:
-        """What is to be done with each pair."""
+        """The comparison to make of each pair."""
         return Task(self.rules, self.settings, self.diff, self.causes)
 
     def write_reports(
@@ -74,7 +73,7 @@ class ComparisonOptions:
         seconds: float,
         processes: int,
     ) -> Failures:
-        """Write the reports that are asked for; what could not be written."""
+        """Write the requested reports; returns the errors."""
         failures = Failures()
         with failures.kept():
             if self.junit is not None:
@@ -89,7 +88,7 @@ class ComparisonOptions:
 
 
 def comparison_options() -> Decorator:
-    """Hand a command ``asked``: rules, what is compared, and reports."""
+    """Pass ``asked`` to a command: rules, what is compared, and reports."""
 
     def make(
         fail: tuple[Rule, ...],
@@ -121,7 +120,7 @@ def _rules() -> list[Decorator]:
         _rule_option(
             "--fail RULE",
             "A picture fails if it meets the rule, like 'hdr-p99.9>0.01' or 'found:clipped'; "
-            "may be repeated. Values that differ fail no more, unless a rule says so.",
+            "may be repeated. Differing values alone then no longer fail.",
             rule,
             multiple=True,
         ),
@@ -133,13 +132,13 @@ def _rules() -> list[Decorator]:
         ),
         _rule_option(
             "--over DIFFERENCE",
-            f"Difference of a channel that 'share' counts pixels beyond.  [default: {OVER}]",
+            f"Difference of a channel above which 'share' counts a pixel.  [default: {OVER}]",
             _difference,
         ),
         _rule_option(
             "--like",
-            "Rules for what B is to be like, where no others are given: the same program on "
-            "another machine (render), a lossy codec (encoder), the same machine (golden).",
+            "Rules, where no others are given, for B made by the same program on another "
+            "machine (render) or on the same one (golden), or by a lossy codec (encoder).",
             list(PRESETS),
         ),
         _rule_option(
@@ -148,7 +147,7 @@ def _rules() -> list[Decorator]:
             "of names; options win.",
             FilePath(),
         ),
-        _rule_option("--metadata", "Metadata that differs fails, too."),
+        _rule_option("--metadata", "Differing metadata fails, too."),
         _rule_option(
             "--ignore-metadata NAME,…",
             "Attributes that may differ, besides times and the program that wrote the file; "
@@ -195,19 +194,19 @@ def _reports() -> list[Decorator]:
     return [
         _report_option(
             "--causes",
-            f"Of which failing pairs the cause is sought: the first {FIRST}, all or none; "
+            f"Failing pairs whose cause is sought: the first {FIRST}, all or none; "
             "a rule like 'found:noise' seeks it in all.  [default: first]",
             list(CAUSES),
             default="first",
         ),
         _report_option("--diff DIR", _DIFF, FilePath()),
         _report_option(
-            "--junit FILE", "Write JUnit XML, a case for each pair.", ReportPath("junit")
+            "--junit FILE", "Write JUnit XML with a test case for each pair.", ReportPath("junit")
         ),
         _report_option("--html FILE.html", _HTML, ReportPath("html")),
         _report_option(
             "--markdown FILE.md",
-            "Write a summary for a pull request: a table of what fails, the worst, causes.",
+            "Write a summary for a pull request: a table of failures, the worst pictures, causes.",
             ReportPath("markdown"),
         ),
     ]

@@ -1,6 +1,6 @@
-"""Options of which jobs are made: rows of tables, whose values are texts that the resolver reads.
+"""Options of jobs, made of rows of tables; the resolver parses their texts.
 
-A decorator hands its command one object: `output_options` ``outputs``, `shot_options` ``shot``, ….
+A decorator passes one object: `output_options` passes ``outputs``, `shot_options` ``shot``, ….
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ from defocus_core.system.process import cores
 
 
 def param_option(param: Param, text: str = "") -> Decorator:
-    """The option of a row of a table of options, whose value is a text or a path.
+    """The option of a row; its value is a text or a path.
 
-    `text`: what it does, if not what the row says.
+    `text`: help, if not that of the row.
     """
     settings: dict[str, Any] = {"heading": param.heading, "is_common": param.is_common}
     spelling = f"--{param.name} {param.metavar}"
@@ -74,7 +74,7 @@ def param_option(param: Param, text: str = "") -> Decorator:
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
-    """The options of rows that are given, of the values of parameters."""
+    """The given options of rows, from the values of parameters."""
     layer = {}
     for name, row in rows.items():
         value = values.get(name.replace("-", "_"))
@@ -87,7 +87,7 @@ def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer
 
 
 class LensFile(FilePath):
-    """The path of a lens file, or @NAME of one that ships."""
+    """The path of a lens file, or the @NAME of one that ships."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path of the file."""
@@ -99,14 +99,14 @@ class LensFile(FilePath):
 def _lens_options(names: Iterable[str]) -> list[Decorator]:
     text = (
         'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
-        "('defocus lenses'); what is given beside it wins."
+        "('defocus lenses'); other options win over it."
     )
     file = lens_option("--lens FILE.toml", text, LensFile(), into="lens_file", is_common=True)
     return [*(param_option(LENS_OPTIONS[name]) for name in names), file]
 
 
 def opening_options() -> Decorator:
-    """Hand a command ``lens``: its opening and its photodiodes, and no more of a lens."""
+    """Pass ``lens`` to a command: only the opening and the photodiodes of a lens."""
 
     def make(lens_file: Path | None, **values: Any) -> LensValues:
         from defocus_core.request.lens_files import read_lens_file
@@ -123,9 +123,9 @@ def opening_options() -> Decorator:
 def reading_options(
     are_of: Callable[[ReadingParam], bool] = lambda row: not row.of_render,
 ) -> Decorator:
-    """Hand a command ``reading``: what to take from the input files, those of a lens file below.
+    """Pass ``reading`` to a command: how to read input files, above options of a lens file.
 
-    `are_of`: whether a command has the option of a row.
+    `are_of`: tells whether a command has the option of a row.
     """
     rows = filter(are_of, READING_OPTIONS.values())
     return bundle("reading", _asked_reading, list(map(param_option, rows)))
@@ -142,15 +142,15 @@ def _asked_reading(**_: Any) -> Reading:
 
 @dataclass(frozen=True)
 class ShotOptions:
-    """The options of a shot beside its lens."""
+    """The options of a shot except its lens."""
 
-    frames: FrameChoice  # which are wanted
-    together: Layer  # what the frames have in common
+    frames: FrameChoice  # the wanted frames
+    together: Layer  # decisions that the frames share
     contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
 
 
 def shot_options(command: Command) -> Command:
-    """Hand a command ``shot``."""
+    """Pass ``shot`` to a command."""
     rows = (INPUT_OPTIONS["frames"], INPUT_OPTIONS["missing"], *SHOT_OPTIONS.values())
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
@@ -163,9 +163,9 @@ def shot_options(command: Command) -> Command:
 def shot_lens_options(
     *, required: bool, names: Iterable[str] = LENS_OPTIONS, moving: bool = True
 ) -> Decorator:
-    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required.
+    """Pass ``lenses`` to a command: PictureLenses, or None if neither given nor required.
 
-    `names`: the options that show in what it makes; `moving`: whether it knows frames.
+    `names`: the options that affect the output; `moving`: whether the command has frames.
     """
     options = [
         *_lens_options(names),
@@ -173,7 +173,7 @@ def shot_lens_options(
         lens_option(
             "--lens-from-metadata",
             "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
-            "says which. What is given beside it wins.",
+            "shows which. Other options win over it.",
             into="metadata",
         ),
     ]
@@ -201,9 +201,9 @@ def shot_lens_options(
             metres=UNITS[reading.depth_unit or "m"],
         )
         try:
-            _ = lenses.fixed  # raises what is wrong before any picture is looked for
+            _ = lenses.fixed  # raises errors before pictures are searched
         except UsageProblem as error:
-            if error.code != "missing-option":  # which may follow from the depth
+            if error.code != "missing-option":  # they may follow from the depth
                 raise
         return lenses
 
@@ -211,9 +211,9 @@ def shot_lens_options(
 
 
 def others_options(command: Command) -> Command:
-    """Hand a command ``others``: by role, colour and depth of what belongs to each picture.
+    """Pass ``others`` to a command: by role, colour and depth of pictures that belong to others.
 
-    A plate may have no depth; a deep holdout and a matte have none.
+    A plate may lack depth; a deep holdout and a matte have none.
     """
     rows = [INPUT_OPTIONS[name] for name in ("hidden", "over", "over-depth", "holdout", "matte")]
     return bundle("others", _others, list(map(param_option, rows)))(command)
@@ -227,19 +227,19 @@ def _others(**given: Any) -> Others:
 
 
 def output_options(command: Command) -> Command:
-    """Hand a command ``outputs``: what to write, and where."""
+    """Pass ``outputs`` to a command: what to write, and where."""
     rows = [row for row in OUTPUT_OPTIONS.values() if row.only != "files"]
     options = [
         output_option(
             "-o --out OUT",
-            "Directory to write to; or a file like picture.png, for one picture of one "
-            "kind alone, without a journal.",
+            "Directory to write to; or a file like picture.png, for one kind of one "
+            "picture, without a journal.",
             FilePath(),
             into="root",
             required=True,
         ),
         *map(param_option, rows),
-        output_option("--overwrite", "Render again and replace what is there.", is_common=True),
+        output_option("--overwrite", "Render again and replace existing files.", is_common=True),
     ]
 
     def make(root: Path, overwrite: bool, **values: Any) -> Outputs:
@@ -250,7 +250,7 @@ def output_options(command: Command) -> Command:
 
 
 def machine_options(*names: str) -> Decorator:
-    """Hand a command ``machine``: how to compute, by some of the options of a machine."""
+    """Pass ``machine`` to a command, with some of the options of a machine."""
 
     def make(**values: Any) -> Machine:
         given = fields_of(given_options(values, MACHINE_OPTIONS))

@@ -34,25 +34,25 @@ def position_of(param: click.Parameter | None) -> Place:
 
 
 class FilePath(click.ParamType[Path]):
-    """A path; whether anything is there, and of use, is asked when it is opened."""
+    """A path, which is not checked until it is opened."""
 
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """A path that is not empty, as ``"$UNSET"`` would be."""
+        """The path, refused if it is empty, as ``"$UNSET"`` would be."""
         if not str(value):
             raise UsageProblem("empty", "is empty", "give a path", path=position_of(param))
         return Path(value)
 
 
 class ReportPath(FilePath):
-    """The path of a report, which replaces no other file: asked before an hour of work."""
+    """The path of a report, checked before the work so that it replaces no other file."""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """A path where nothing is, or an earlier report."""
+        """The path, if it does not exist or is an earlier report."""
         from defocus_core.io.replacing import require_replaceable
         from defocus_core.request.output_kinds import PICTURES
 
@@ -71,7 +71,7 @@ class Words(click.Choice[str]):
     """Words to choose from."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The word, or an error that says what replaces one that went."""
+        """The word, or an error with the replacement of a removed one."""
         where = position_of(param)
         if value not in self.choices and (remedy := gone.remedy("value", value, where.field)):
             raise UsageProblem("unknown-name", f"'{value}' is not known", remedy, path=where)
@@ -86,7 +86,7 @@ class Quantity(click.ParamType[Any]):
         self.name = name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Parse ``value``; what is parsed already passes."""
+        """Parse ``value``; parsed values pass."""
         return read_at(position_of(param), self.parse, value) if isinstance(value, str) else value
 
 
@@ -98,7 +98,7 @@ HEADING_TOPICS = {
     "Files": ("depth", "photo", "conventions"),
     "Machine": ("quality", "batch"),
 }
-_MANY = 25  # options; help of a command with more shows the common ones
+_MANY = 25  # greatest number of options that short help shows in full
 
 
 class GroupedOption(click.Option):
@@ -118,7 +118,7 @@ class GroupedCommand(click.Command):
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
         if not any("--verbose" in param.opts for param in self.params):
-            text = "Say where an unexpected error happened, on stderr."
+            text = "Print the traceback of an unexpected error on stderr."
             flag = GroupedOption(["-v", "--verbose"], is_flag=True, expose_value=False, help=text)
             self.params.append(flag)
         is_long = len(self.params) > _MANY
@@ -129,7 +129,7 @@ class GroupedCommand(click.Command):
         self.params.append(GroupedOption(["--help-all"], **asking))
 
     def _show_all(self, ctx: click.Context, _: click.Parameter, is_asked: bool) -> None:
-        """Print the help with the options that are not common, too."""
+        """Print the help with all options."""
         if is_asked and not ctx.resilient_parsing:
             ctx.meta["left_out"] = set()
             click.echo(ctx.get_help(), color=ctx.color)
@@ -141,12 +141,12 @@ class GroupedCommand(click.Command):
         return super().get_help(ctx)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse, and make what the bundles of the command hand it."""
+        """Parse, and make the objects that bundles pass to the command."""
         ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]
         try:
             rest = super().parse_args(ctx, args)
         except click.UsageError as error:
-            error.ctx = error.ctx or ctx  # which click forgets where a value is missing
+            error.ctx = error.ctx or ctx  # click forgets it if a value is missing
             raise
         bundles = () if ctx.resilient_parsing else getattr(self.callback, "bundles", ())
         given = dict(ctx.params)
@@ -156,7 +156,7 @@ class GroupedCommand(click.Command):
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write one section for each heading, and where the options are that it leaves out."""
+        """Write a section for each heading, and a line on options that are left out."""
         sections: dict[str, list[tuple[str, str]]] = {}
         rare = ctx.meta.get("left_out", self._rare)
         left_out = Counter(param.heading for param in rare)
@@ -188,10 +188,10 @@ def option(
     heading: str = "Options",
     **settings: Any,
 ) -> Decorator:
-    """An option, spelled as help shows it under a heading, like ``-o --out FILE``.
+    """An option, spelled as in help, like ``-o --out FILE``, under a heading.
 
-    What reads its value is a type, the words to choose from, or a parser of quantities; one without
-    a value is a flag. ``into`` names the parameter, if not the option does.
+    `kind` is a type, the words to choose from, or a parser of quantities; an option without a value
+    is a flag. ``into`` is the name of the parameter, by default that of the option.
     """
     words = spelling.split()
     named = [word for word in words if re.match("--?[a-z]", word)]
@@ -214,7 +214,7 @@ output_option = functools.partial(option, heading="Output")
 
 
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
-    """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
+    """Add ``options`` to a command and pass ``make`` of their values as ``name``."""
 
     def decorate(command: Any) -> Command:
         for option in reversed(options):
@@ -229,10 +229,10 @@ def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) ->
 
 
 def check_inputs_option(command: Command) -> Command:
-    """Hand a command ``check_inputs``: stat or hash."""
+    """Pass ``check_inputs`` to a command: stat or hash."""
     return machine_option(
         "--check-inputs",
-        "How to see that an input of what is done has changed: size and time, or its bytes.",
+        "Detection of changed inputs of finished pictures: by size and time, or by content.",
         ["stat", "hash"],
         default="stat",
         show_default=True,
@@ -240,37 +240,37 @@ def check_inputs_option(command: Command) -> Command:
 
 
 def json_option(command: Command) -> Command:
-    """Hand a command ``as_json``."""
+    """Pass ``as_json`` to a command."""
     text = "Print one JSON document on stdout.  ('defocus help json')"
     return option("--json", text, into="as_json")(command)
 
 
 def verbose_option(command: Command) -> Command:
-    """Hand a command ``verbose``; with ``--quiet`` it says warnings and errors alone."""
+    """Pass ``verbose`` to a command; ``--quiet`` leaves warnings and errors alone."""
 
     def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
         if value and ctx.params.get("verbose"):
             raise UsageProblem("contradiction", "stands beside -v", "keep one", field="quiet")
         Due.quiet = value
 
-    text = "Say nothing but warnings and errors."
+    text = "Print only warnings and errors."
     quiet = option("-q --quiet", text, expose_value=False, callback=be_quiet)
-    text = "Say more, on stderr."
+    text = "Print more details on stderr."
     verbose = option("-v --verbose", text, is_eager=True)
     return verbose(quiet(command))
 
 
 def contact_option(command: Command) -> Command:
-    """Hand a command ``contact``: the number of pictures on a contact sheet, None for no sheet."""
+    """Pass ``contact`` to a command: the number of pictures on a contact sheet, or None."""
     text = "Also write N of the pictures, small, to OUT/contact.png."
     return output_option("--contact N", text, click.IntRange(min=1, max=400))(command)
 
 
 def dataset_options(command: Command) -> Command:
-    """Hand a command ``shards_size``, bytes or None."""
+    """Pass ``shards_size`` to a command, bytes or None."""
     return option(
         "--shards-size SIZE",
-        "When all is done, pack the samples into WebDataset tars of this size, like 1GB; "
-        "those that are there are packed again if samples change.",
+        "At the end, pack the samples into WebDataset tars of this size, like 1GB; "
+        "existing tars are packed again if their samples changed.",
         byte_count,
     )(command)

@@ -1,4 +1,4 @@
-"""The report of jobs: a progress bar while they run, words and JSON of each, and of the batch."""
+"""The report of jobs: a progress bar, words and JSON of each job, and of the batch."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def job_line(job: Job) -> str:
 
 
 def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> dict[str, Any]:
-    """A job that ended, for JSON: its plan, and the fields of its record."""
+    """The outcome of a job, for JSON: its plan, and the fields of its record."""
     end, taken = record.end, record.taken
     told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
     return {
@@ -71,7 +71,7 @@ _OF_PICTURES = ("size", "color_note", "depth_note", "depth_repair", "coc_px", "d
 
 
 def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
-    """A job that ended, in words: one line, one for each warning, and more if ``verbose``."""
+    """The outcome of a job, in words: a line, a line for each warning, and more if ``verbose``."""
     end = record.end
     if isinstance(end, Failed):
         yield f"defocus: {end.message}"
@@ -97,12 +97,12 @@ def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
 
 
 def done_before_line(job: Job) -> str:
-    """A job that was done before, in words."""
+    """A job that was finished before, in words."""
     return f"{job.sample_id}: done before -> {_written_words(job)}"
 
 
 def _written_words(job: Job) -> str:
-    """The files of a job, those of one name together, like ``out/{left,right}/a.exr``."""
+    """The files of a job, grouped by name, like ``out/{left,right}/a.exr``."""
     if job.outputs.file:
         return str(job.written[0])
     folders: dict[str, list[str]] = {}
@@ -114,8 +114,8 @@ def _written_words(job: Job) -> str:
     )
 
 
-_WARNINGS = 3  # kinds of which an example is shown
-_ALIKE = 5  # errors of one kind that are told
+_WARNINGS = 3  # kinds with an example
+_ALIKE = 5  # errors of one kind that are shown
 _WORDS = {"ok": "done", "failed": "failed"}
 
 
@@ -133,7 +133,7 @@ class BatchReport(Listener):
         self._kinds: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
 
     def planned(self, plan: Plan) -> None:
-        """Say what was done before."""
+        """Report the jobs that were finished before."""
         for job in plan.settled if self._keep or self._each else ():
             if self._keep:
                 record = plan.ledger.record_of(job.names.values())
@@ -151,7 +151,7 @@ class BatchReport(Listener):
                 self._bar.reset(plan.due)
 
     def ended(self, job: Job, record: Record) -> None:
-        """Say what became of a job."""
+        """Report the outcome of a job."""
         if self._keep:
             self.records[job.sample_id] = outcome_record(job, record)
         if self._raises and record.taken is None:
@@ -161,7 +161,7 @@ class BatchReport(Listener):
             kind = kind_of(record.end.message)
             self._kinds[kind] += 1
             if self._kinds[kind] > _ALIKE:
-                more = "others like it are counted at the end, and told by 'defocus status'"
+                more = "further ones are counted at the end, and listed by 'defocus status'"
                 lines = [more] if self._kinds[kind] == _ALIKE + 1 else []
         for line in lines if self._each or record.taken is None else ():
             console.stderr(line)
@@ -179,7 +179,7 @@ class BatchReport(Listener):
 
 @contextmanager
 def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
-    """A function that shows (tiles done, tiles in all) of a lone picture on a bar."""
+    """Yield a function that shows (tiles done, tiles in all) of a lone picture on a bar."""
     with console.bar(unit) as tiles:
 
         def count(done: int, total: int) -> None:
@@ -194,7 +194,7 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
 
 
 def summary_lines(summary: Summary) -> Iterator[str]:
-    """Counts, reasons and speed of a batch that ended, in words; then its commonest warnings."""
+    """Counts, reasons and speed of an ended batch, in words; then its commonest warnings."""
     counts = Counter(summary.statuses)
     ends = {word: counts[status] for status, word in _WORDS.items()}
     ends |= {"done before": summary.skipped, "left": summary.left}
@@ -219,7 +219,7 @@ def summary_lines(summary: Summary) -> Iterator[str]:
 
 
 def reasons_lines(plan: Plan) -> Iterator[str]:
-    """Why jobs are done again, or would be and stay as they are."""
+    """Reasons to do jobs again, or why changed ones are kept."""
     for what, reasons in (("done again", plan.again), ("stay as they are", plan.kept)):
         if reasons:
             yield f"{what}: {', '.join(f'{why}: {count}' for why, count in reasons.most_common())}"
@@ -231,10 +231,10 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
 
 
 def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
-    """A run that ended, for JSON: counts, reasons, time, its pictures, the error of a lone one."""
+    """An ended run, for JSON: counts, reasons, time, pictures, the error of a lone picture."""
     ended, error = (report.records.get(job.sample_id) for job in jobs), summary.error
     told = {}
-    if error is not None:  # as of a command that has no result
+    if error is not None:  # as for a command without a result
         line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
         exit_code = console.exit_code_of(error)
         told = {"error": {"message": line, "exit_code": exit_code, "code": code}}
@@ -294,7 +294,7 @@ def progress_record(state: Progress) -> dict[str, Any]:
 
 
 def end(summary: Summary) -> None:
-    """End a command as its batch ended."""
+    """End a command by the outcome of its batch."""
     if summary.error is not None:
         raise summary.error
     if summary.interrupted and summary.left:

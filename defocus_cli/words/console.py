@@ -1,4 +1,4 @@
-"""What is printed: data on stdout, words on stderr; and how a command ends that failed."""
+"""Output: data on stdout, words on stderr; and the end of a failed command."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ T = TypeVar("T")
 
 
 def stderr(line: str) -> None:
-    """One line on stderr, above the progress bar if there is one; if quiet, only of trouble."""
+    """Print a line on stderr, above a progress bar; if quiet, only warnings and errors."""
     line = with_dashes(printable(line), Due.keys)
     if Due.quiet and not (line.startswith("defocus: ") or "warning: " in line):
         return
-    # A closed stderr is no reason to lose the picture.
+    # A closed stderr must not lose the picture.
     with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
             sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
@@ -45,7 +45,7 @@ def stderr(line: str) -> None:
 
 
 def write_stderr(line: str) -> None:
-    """A line on stderr, whole: Python's own stream says nothing of what a full disk cut off.
+    """Write a whole line on stderr; Python's own stream ignores what a full disk cuts off.
 
     Raises:
         OSError: not all of it was written.
@@ -61,7 +61,7 @@ def write_stderr(line: str) -> None:
 
 
 def bar(unit: str, total: int | None = None, of: Iterable[T] | None = None) -> tqdm[T]:
-    """A progress bar on stderr, if that is a terminal; it counts the items it goes through."""
+    """A progress bar on stderr, if that is a terminal, which counts the items of an iterable."""
     from tqdm import tqdm
 
     hidden = not _is_watched()
@@ -69,56 +69,56 @@ def bar(unit: str, total: int | None = None, of: Iterable[T] | None = None) -> t
 
 
 def _is_watched() -> bool:
-    # None: closed by whoever started us.
+    # None if the parent process closed it
     return sys.stderr is not None and sys.stderr.isatty() and not Due.quiet
 
 
 class ToStderr(Handler):
-    """Says what the library logs."""
+    """A handler that prints messages of the library on stderr."""
 
     def emit(self, record: LogRecord) -> None:
-        """Say the message of a record."""
+        """Print the message of a record."""
         stderr(record.getMessage())
 
 
 def log_to_stderr() -> None:
-    """From now on, what the library logs is said on stderr."""
+    """Print messages of the library on stderr from now on."""
     logger = getLogger("defocus_core")
     if not any(isinstance(handler, ToStderr) for handler in logger.handlers):
         logger.addHandler(ToStderr())
 
 
 def stdout(*lines: str) -> None:
-    """Lines on stdout."""
+    """Print lines on stdout."""
     for line in lines:
         _print(with_dashes(printable(line), Due.keys))
 
 
 class Due:
-    """Whether the command that runs has yet to print a JSON document, and says only trouble."""
+    """Whether the running command still owes a JSON document, and whether it is quiet."""
 
     json = False
     quiet = False
-    keys: ClassVar[Mapping[str, str]] = {}  # what options are named that a jobs file has
+    keys: ClassVar[Mapping[str, str]] = {}  # names of options by their keys in a jobs file
 
 
 def name_keys() -> None:
-    """From now on, what the command that runs says names options as the keys of its jobs file."""
+    """Name options by the keys of the jobs file in messages from now on."""
     from defocus_core.request.jobs_file import KEYS
 
     Due.keys = KEYS
 
 
 def print_json(**document: Any) -> None:
-    """One JSON document on stdout, which names the version first."""
+    """Print a JSON document on stdout, which begins with the version."""
     Due.json = False
     text = json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False)
     _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›"), Due.keys))
 
 
 def require_stdout() -> None:
-    """Refuse to go on without a stdout, where data is to go."""
-    if sys.stdout is None:  # closed by whoever started us
+    """Raise an error if stdout is closed."""
+    if sys.stdout is None:  # closed by the parent process
         remedy = "send it to a file or to another program"
         raise InputError("unreadable", "is closed", remedy, path="stdout")
 
@@ -140,7 +140,7 @@ def _print(text: str) -> None:
 
 
 def exit_code_of(error: BaseException) -> int:
-    """1 for pictures that no lens explains and for faults, 2 for usage, 3 for files."""
+    """The exit code: 1 for faults and unexplained pictures, 2 for usage, 3 for files."""
     if isinstance(error, UsageProblem):
         return 2
     is_of_files = isinstance(error, (DefocusError, OSError))
@@ -154,7 +154,7 @@ class Interrupted(click.ClickException):
 
 
 class Failures:
-    """Errors of files that others stand beside: those are done, and the last error ends it."""
+    """Errors of single files: other files are still done, and the last error ends the command."""
 
     def __init__(self) -> None:
         self._errors: list[DefocusError] = []
@@ -164,14 +164,14 @@ class Failures:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """Keep an error of the block, which ends there."""
+        """Keep an error of the block, and end the block."""
         try:
             yield
         except DefocusError as error:
             self.add(error)
 
     def add(self, error: DefocusError) -> None:
-        """Keep an error; the one before is said now."""
+        """Keep an error, and print the one before."""
         if self._errors:
             stderr(f"defocus: {self._errors[-1]}")
         self._errors.append(error)

@@ -1,4 +1,4 @@
-"""The report of a dry run: which jobs are to do and why, their files, and memory."""
+"""The report of a dry run: the jobs to do and the reasons, their files, and memory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from defocus_core.system.text import counted
 
 
 def report(plan: Plan, processes: int, *, each: bool, as_json: bool) -> None:
-    """Report the jobs to do, ``each`` in a line; what would fail is named on stderr."""
+    """Report the jobs to do, ``each`` in a line, and on stderr those that would fail."""
     todo = [job for _, job in plan.todo]
     found, unusable = forecasts(todo) if todo else ({}, [])
     if each and len(plan.jobs) == len(unusable) == 1:

@@ -1,9 +1,9 @@
-"""Keys: options of a lens by frame, and what lies between two frames that have them.
+"""Keys: options of a lens by frame, and their interpolation between frames.
 
-Between two keys a value goes evenly in the variable in which the blur is smooth: the focus in
-disparity, f-number, focal length and other sizes in their logarithm (an f-number in stops), angles
-and pixels as they are. Before the first key and after the last one its value holds. Of numbers
-without a unit a focus is in metres, other lengths in mm.
+Interpolation is linear in the variable in which the blur is smooth: disparity for the focus, the
+logarithm for f-number, focal length and other sizes, the value itself for angles and pixels. The
+first key holds before it, the last one after it. Numbers without a unit are metres for a focus, and
+mm for other lengths.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _DIGITS = 9
 class Animation:
     """Options of a lens with keys."""
 
-    keys: Mapping[str, Mapping[int, Given]]  # by option, by frame, ascending
+    keys: Mapping[str, Mapping[int, Given]]  # keys by option, then by frame, ascending
 
     @property
     def taken(self) -> dict[str, str]:
-        """The options that are animated, those of the same meaning, too, and where."""
+        """The animated options and their alternatives, with their places."""
         return {
             same: str(_first(keys).place)
             for name, keys in self.keys.items()
@@ -42,7 +42,7 @@ class Animation:
         }
 
     def at(self, frame: int) -> dict[str, Given]:
-        """The options of a frame; at a key, the key."""
+        """The options of a frame, exact at a key."""
         return {name: _at(LENS_OPTIONS[name], keys, frame) for name, keys in self.keys.items()}
 
 
@@ -56,7 +56,7 @@ def _at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
     first, last = frames[after - 1], frames[after]
     end = keys[last].value
     if not all(isinstance(value, int | float | tuple) for value in (start.value, end)):
-        problem = f"is {start.text}, which has nothing between it and another key"
+        problem = f"is {start.text}, whose value cannot be interpolated"
         raise UsageProblem("idle-option", problem, f"give it like {row.example}", path=start.place)
     fraction = (frame - first) / (last - first)
     text = row.text(_between(row, start.value, end, fraction), _DIGITS)
@@ -64,7 +64,7 @@ def _at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
 
 
 def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
-    """The value between two numbers, or of each of several."""
+    """The value interpolated between two numbers, or of each of several."""
     if isinstance(first, tuple):
         pairs = zip(first, last, strict=True)
         return type(first)(_between(row, *pair, fraction) for pair in pairs)
@@ -74,7 +74,7 @@ def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
 
 
 def read_animation(files: Iterable[str], table: Table | None = None) -> Animation | None:
-    """The animation of files and of ``[animate]``; None if they hold no keys."""
+    """The animation of files and of ``[animate]``; None without keys."""
     root, every = Path(), dict[str, Mapping[int, Key]]()
     if table is not None:
         root, files = table.file.parent, table.texts("file")
@@ -106,7 +106,7 @@ def _first(keys: Mapping[int, _K]) -> _K:
 
 
 def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Given]:
-    """The keys of an option by frame, with the units that numbers have."""
+    """The keys of an option by frame, with units added to plain numbers."""
     refuse_unknown([name], tuple(LENS_OPTIONS), _first(keys).where, "a lens", "option")
     row, made = LENS_OPTIONS[name], {}
     for frame, key in sorted(keys.items()):
@@ -127,7 +127,7 @@ def _animate_of(file: Path) -> Table:
 
 
 def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
-    """The keys of ``[animate]``, of each option a table of values by frame."""
+    """The keys of ``[animate]``: for each option a table of values by frame."""
     every: dict[str, Mapping[int, Key]] = {}
     for name, frames in table.values.items():
         if name in keys_of(ANIMATION_OPTIONS):

@@ -1,7 +1,7 @@
-"""A job: one picture, the lens that takes it, what to write and how to render it.
+"""A job: one picture, its lens, its outputs and how to render it.
 
 Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
-Nothing here opens a file, though `Job.files` looks which are there.
+Nothing here opens a file, though `Job.files` checks which exist.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS, PREVIEW, Kind
 
 DEVICES = ("auto", "cpu", "cuda")
-FRAME_ROLE = "frame"  # of other frames among the inputs
-OTHERS = ("hidden", "over", "holdout", "matte")  # pictures that belong to another one
+FRAME_ROLE = "frame"  # prefix of the roles of other frames
+OTHERS = ("hidden", "over", "holdout", "matte")  # roles of pictures that belong to another one
 
 
 @dataclass(frozen=True, slots=True)
 class PictureFiles:
-    """Where colour and depth of one picture are; the same file twice when one EXR holds both."""
+    """The files of a picture; colour and depth are the same file if one EXR holds both."""
 
     stem: str
     color: Path
-    depth: Path  # its depth file; of a plate that has none its colour file
-    # A picture of what lies behind the visible surface, where that is known
+    depth: Path  # its depth file; for a plate without depth its colour file
+    # a picture of what lies behind the visible surface, where known
     hidden: PictureFiles | None = None
-    over: PictureFiles | None = None  # the plate that it lies over, if it is an element
+    over: PictureFiles | None = None  # the plate behind it, if it is an element
     holdout: PictureFiles | None = (
-        None  # a deep picture that hides what is behind it and shows nothing
+        None  # a deep picture that hides what is behind it, without being shown
     )
-    matte: PictureFiles | None = None  # a file of the coverage of its subject, twice
+    matte: PictureFiles | None = None  # the coverage of its subject; the same file twice
     frame: int | None = None  # its number in a shot
-    carried: tuple[tuple[str, Path], ...] = ()  # labels that are listed with it, by role
+    carried: tuple[tuple[str, Path], ...] = ()  # labels that go with it, by role
 
     @property
     def others(self) -> dict[str, PictureFiles]:
@@ -47,7 +47,7 @@ class PictureFiles:
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its files by role: color, depth; hidden_color, over_depth, … and labels, if any."""
+        """The files by role: color, depth; hidden_color, over_depth, … and labels, if any."""
         files = {"color": self.color, "depth": self.depth}
         for role, other in self.others.items():
             files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
@@ -56,55 +56,55 @@ class PictureFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(DepthReading):
-    """What to take from the input files, and how to read it."""
+    """How to read the input files."""
 
     color_layer: str | None = None  # colour layer of an EXR
-    # Auto, or off: depth is used as it is read
+    # auto, or off: depth is used as it is read
     depth_repair: str = "auto"
-    # Px of the widest soft edges of depth, 0 if none are soft; None: as found
+    # px of the widest soft edges of depth, 0 if none are soft; None measures them
     edge_width: float | None = None
     blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """The outputs of a job, and where to write them."""
+    """The outputs of a job, and their place."""
 
     root: Path
     kinds: tuple[str, ...] = ("render",)
     format: str = "exr"
     exr_type: str = "half"
-    compression: str = "zip"  # codec of the EXR files, or input for that of the colour
-    color_space: str | None = None  # srgb: all but EXR are that, whatever profile came
+    compression: str = "zip"  # codec of EXR files; input for that of the colour file
+    color_space: str | None = None  # srgb converts images other than EXR; auto keeps their profile
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
-    map_format: str = "exr"  # or tiff, of float32, too
-    keep_overscan: bool = False  # pixels beyond the display window are written, too
-    file: str = ""  # the name of the only file, in root itself; empty for folders of kinds
+    map_format: str = "exr"  # or tiff, also float32
+    keep_overscan: bool = False  # whether pixels beyond the display window are written
+    file: str = ""  # name of the only file, in root itself; empty for a folder for each kind
 
     @property
     def rows(self) -> list[Kind]:
-        """The rows of the table of kinds that are written."""
+        """The written kinds, as rows of the table."""
         return [KINDS[name] for name in self.kinds]
 
     @property
     def need_rendering(self) -> bool:
-        """Whether a kind needs more than the signed radii."""
+        """Whether a kind needs rendering, not only signed radii."""
         return any(kind.rendered for kind in self.rows)
 
     @property
     def writes_exr(self) -> bool:
-        """Whether a file that is written is an EXR."""
+        """Whether a written file is an EXR."""
         return any(Path(name).suffix.lower() == ".exr" for name in self.names("a").values())
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """The folders that files are written to."""
+        """The folders of the written files."""
         return (self.root,) if self.file else tuple(self.root / kind for kind in self.kinds)
 
     def names(self, stem: str) -> dict[str, str]:
-        """The files of one picture, relative to the root: of each kind, and of kind.preview."""
+        """The files of a picture by kind, and by kind.preview, relative to the root."""
         if self.file:
             return {self.kinds[0]: self.file}
         names = {
@@ -117,9 +117,9 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` decides the pictures.
+    """How to compute. Pictures depend on ``quality``.
 
-    ``tile`` changes their last digits, too; the other fields change nothing in them.
+    ``tile`` changes their last digits; the other fields do not change them.
     """
 
     quality: str = "standard"
@@ -131,7 +131,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class FrameLens:
-    """A frame of a shot, and the lens that takes it."""
+    """A frame of a shot, and its lens."""
 
     picture: PictureFiles
     lens: LensValues
@@ -139,16 +139,16 @@ class FrameLens:
 
 @dataclass(frozen=True)
 class Shot:
-    """The frames of a shot that decide, besides its own, what a picture looks like."""
+    """The other frames of a shot on which a picture depends."""
 
-    # Frames by which is decided for all of the shot how depth is repaired and where a focus
-    # lies that the depth decides; empty if each frame decides for itself
+    # frames that decide the repair of depth, and a focus that depends on depth, for the whole shot;
+    # empty if each frame decides for itself
     sample: tuple[FrameLens, ...] = ()
-    shares_focus: bool = True  # whether these decide where the focus lies, too
+    shares_focus: bool = True  # whether these decide the focus, too
 
     @property
     def pictures(self) -> dict[int, PictureFiles]:
-        """All of these frames by number."""
+        """The pictures of these frames by number."""
         taken = (each.picture for each in self.sample)
         return {int(p.frame): p for p in taken if p.frame is not None}
 
@@ -163,7 +163,7 @@ class Shot:
 
 
 def reading_through(reading: Reading, lens: LensValues | None) -> Reading:
-    """The reading of depth that a lens needs: as relative disparity if its blur is in pixels."""
+    """The reading of depth for a lens: as relative disparity if its blur is in pixels."""
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
     if reading.invert is not None:
@@ -177,11 +177,11 @@ SPLIT_NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 
 
 class Split(NamedTuple):
-    """The split of a scene in a dataset; it changes nothing in the outputs."""
+    """The split of a scene in a dataset; it does not change the outputs."""
 
     name: str = ""  # empty for none
     scene: str = ""
-    choices: tuple[str, ...] = ()  # the splits that there are
+    choices: tuple[str, ...] = ()  # the names of all splits
 
 
 NO_SPLIT = Split()
@@ -196,7 +196,7 @@ class Job:
     reading: Reading
     outputs: Outputs
     machine: Machine
-    suffix: str = ""  # tells this lens from others of the same picture
+    suffix: str = ""  # suffix that distinguishes the lenses of a picture
     shot: Shot | None = None
     split: Split = NO_SPLIT
 
@@ -204,7 +204,7 @@ class Job:
         """Read depth as the lens needs it.
 
         Raises:
-            UsageProblem: Channels of light are named that no output holds.
+            UsageProblem: If no output holds the named channels of light.
         """
         if self.reading.blur_channels and self.outputs.format != "exr":
             problem = f"has no effect in {self.outputs.format}, which holds the picture alone"
@@ -213,7 +213,7 @@ class Job:
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
+        """The inputs by role: those of picture, shot and lens, and sidecars of the depth."""
         files, row = self.picture.files, self.reading.row
         if row.sidecar or row.mask:
             from defocus_core.io.depth_formats.sidecars import files_beside
@@ -225,7 +225,7 @@ class Job:
 
     @property
     def lens_focal(self) -> float | None:
-        """Focal length in widths of the sensor, where the depth cannot be read without it."""
+        """Focal length in widths of the sensor, if reading the depth needs it; else None."""
         return self.lens.foclen / self.lens.sensor_width if self.reading.needs_lens else None
 
     @property
@@ -235,7 +235,7 @@ class Job:
 
     @property
     def names(self) -> dict[str, str]:
-        """Every file this job writes, relative to the root: of each kind, and of kind.preview."""
+        """The files of the job by kind, and by kind.preview, relative to the root."""
         return self.outputs.names(self.sample_id)
 
     @property
@@ -252,12 +252,12 @@ class Job:
 
     @property
     def written(self) -> list[Path]:
-        """Every file this job writes."""
+        """All files that the job writes."""
         return [self.outputs.root / name for name in self.names.values()]
 
 
 def of_views(jobs: Sequence[Job]) -> list[Job]:
-    """The jobs of each view, with its name in theirs, where ‹view› names several."""
+    """Jobs for each view, with its name in theirs, if ‹view› names several."""
     if not any("," in (job.reading.view or "") for job in jobs):
         return list(jobs)
     return [

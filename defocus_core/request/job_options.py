@@ -1,8 +1,8 @@
-"""The tables of options of a job but those of its lens.
+"""The tables of options of a job, except those of its lens.
 
 The command line and the tables ``[reading]``, ``[inputs]``, ``[animate]``, ``[shot]``,
-``[outputs]`` and ``[machine]`` of jobs files have them under one name; those of reading lens files,
-too. ``radial`` and ``planar`` are flags, and set the field ``geometry``.
+``[outputs]`` and ``[machine]`` of jobs files use the same names; lens files have the options of
+reading, too. ``radial`` and ``planar`` are flags that set the field ``geometry``.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
 
 
 def format_name(text: str) -> str:
-    """The name of a depth format, or one of its aliases; the nearest are named for any other."""
+    """The name of a depth format, from it or an alias; errors propose the nearest."""
     from difflib import get_close_matches
 
     name = text.lower()
@@ -68,7 +68,7 @@ def format_name(text: str) -> str:
 
 
 def scale(text: str) -> float:
-    """A factor, from ``0.001``, ``1/256`` or ``-1``."""
+    """A factor, parsed from ``0.001``, ``1/256`` or ``-1``."""
     fraction = _FRACTION.fullmatch(short(text))
     value = scale(fraction[1]) / scale(fraction[2]) if fraction else number(text)
     if not 0 < abs(value) < math.inf:
@@ -77,7 +77,7 @@ def scale(text: str) -> float:
 
 
 def distance(text: str) -> float:
-    """A positive length in mm, from ``2m`` or ``193mm``; a number alone is in metres."""
+    """A positive length in mm, parsed from ``2m`` or ``193mm``; plain numbers are metres."""
     try:
         metres = float(text)
     except ValueError:
@@ -86,14 +86,14 @@ def distance(text: str) -> float:
 
 
 def end_distance(text: str) -> float:
-    """As `distance`, or ``inf``, or 0."""
+    """A distance in mm, as `distance`, or ``inf``, or 0."""
     if text.strip().lower() in ("inf", "infinity"):
         return math.inf
     return 0.0 if re.fullmatch(r"0+(\.0*)?[a-z]*", text.strip(), re.I) else distance(text)
 
 
 def distances(text: str) -> tuple[float, float]:
-    """Two distances in mm, from ``2m 50m``, of which one may be inf, or 0."""
+    """Two distances in mm, parsed from ``2m 50m``; one may be inf or 0."""
     words = text.replace(",", " ").split()
     if len(words) != 2:
         raise QuantityError(f"'{text}' is not two distances", "write them like 2m 50m")
@@ -112,10 +112,10 @@ def field_of_view(text: str) -> float:
 
 
 def edge_width(text: str) -> float:
-    """A width in the picture, from ``8px`` or ``8``; 0 for hard edges."""
+    """A width in px, parsed from ``8px`` or ``8``; 0 for hard edges."""
     px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", short(text), re.I) else pixel_count(text)
     if px > WIDEST_EDGE:
-        raise QuantityError(f"{px:g} px is a surface, and no edge", f"give {WIDEST_EDGE}px or less")
+        raise QuantityError(f"{px:g} px is a surface, not an edge", f"give {WIDEST_EDGE}px or less")
     return px
 
 
@@ -132,8 +132,8 @@ class ReadingParam(Param):
     """An option of reading."""
 
     heading: str = "Files"
-    of_pictures: bool = False  # a depth file alone, without a picture and a lens, has no use for it
-    of_render: bool = False  # what is not written has no use for it
+    of_pictures: bool = False  # it needs a picture or a lens, not a depth file alone
+    of_render: bool = False  # it needs outputs
 
 
 _READING = (
@@ -159,7 +159,7 @@ _READING = (
     ReadingParam(
         name="depth-kind",
         choices=DEPTH_KINDS,
-        help="Meaning of the numbers in the depth file.  [default: depth]",
+        help="Meaning of the numbers in the depth file. [default: depth]",
         is_common=True,
     ),
     ReadingParam(
@@ -213,8 +213,8 @@ _READING = (
         is_common=True,
         toggle=True,
         parse=switch,
-        help="Black is near in relative disparity, or white; with ‹blur›.  [default: white; for "
-        "one photograph what its depth shows]",
+        help="Whether black is near in relative disparity, with ‹blur›.  [default: no; for one "
+        "photograph, found from its depth]",
         of_pictures=True,
     ),
     ReadingParam(
@@ -252,7 +252,7 @@ _READING = (
         name="depth-repair",
         choices=DEPTH_REPAIRS,
         help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
-        "takes it as it is given.  [default: auto]",
+        "uses it as it is.  [default: auto]",
         of_pictures=True,
     ),
     ReadingParam(
@@ -292,7 +292,7 @@ _READING = (
     ReadingParam(
         name="view",
         metavar="NAME",
-        help="View of a multi-view EXR, like left; ‹render› takes several, like left,right.  "
+        help="View of a multi-view EXR, like left; 'defocus render' takes several, left,right. "
         "[default: the first of the file]",
     ),
 )
@@ -308,7 +308,7 @@ def kinds(text: str) -> tuple[str, ...]:
 
 
 def image_format(text: str) -> str:
-    """The type of image files, by either spelling of its suffix."""
+    """The type of image files, parsed from either spelling of its suffix."""
     return one_of(tuple(SUFFIXES), "unknown-name")(FORMAT_ALIASES.get(text, text))
 
 
@@ -317,8 +317,8 @@ class OutputParam(Param):
     """An option of outputs."""
 
     heading: str = "Output"
-    suits: Callable[[Outputs], bool] = lambda _: True  # whether it says anything about them
-    idle: str = ""  # what is wrong where it does not, with ``{format}``
+    suits: Callable[[Outputs], bool] = lambda _: True  # whether it applies to the outputs
+    idle: str = ""  # the problem if it does not, with ``{format}``
     remedy: str = "leave it out"
 
 
@@ -369,7 +369,7 @@ _ROWS = (
         help=f"EXR compression: {', '.join(COMPRESSIONS)} (that of the colour file). dwaa:45 sets "
         f"a level and is lossy.  [default: {Outputs.compression}]",
         suits=lambda outputs: outputs.writes_exr,
-        idle="is of EXR, and none is written",
+        idle="is for EXR, and no EXR is written",
     ),
     OutputParam(
         name="jpeg-quality",
@@ -484,7 +484,7 @@ _ANIMATE = (
     ),
 )
 ANIMATION_OPTIONS = {row.name: row for row in _ANIMATE}
-MAX_THREADS = 1024  # more than any machine has cores for one picture
+MAX_THREADS = 1024  # more than one picture can use
 _MAX_TILE = 1 << 14  # px
 _MACHINE = (
     _machine(
@@ -523,7 +523,7 @@ _MACHINE = (
     ),
 )
 MACHINE_OPTIONS = {row.name: row for row in _MACHINE}
-# The tables of jobs files whose keys these are.
+# The tables of jobs files, and their options.
 TABLES: Mapping[str, Mapping[str, Param]] = {
     **{"inputs": INPUT_OPTIONS, "animate": ANIMATION_OPTIONS, "shot": SHOT_OPTIONS},
     **{"outputs": OUTPUT_OPTIONS, "machine": MACHINE_OPTIONS},
@@ -531,7 +531,7 @@ TABLES: Mapping[str, Mapping[str, Param]] = {
 
 
 def in_one_file(outputs: Outputs, given: Collection[str]) -> Outputs:
-    """The outputs, of one file if their root names one; ``given``: fields that were asked for."""
+    """The outputs, as one file if the root names a file; ``given``: fields that were set."""
     path = outputs.root
     if path.is_dir():
         return outputs

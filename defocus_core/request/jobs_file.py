@@ -85,7 +85,7 @@ TABLES = (
     *("reading", "outputs", "machine", "dataset"),
 )
 MAX_JOBS = 10_000_000
-# Options of a single picture, and the table and key that they are here.
+# Options of a single picture, and their table and key in jobs files.
 KEYS = {
     **{
         row.name: f"[{table}] {key}"
@@ -97,7 +97,7 @@ KEYS = {
 
 
 class Batch(NamedTuple):
-    """The jobs of a batch, and what they were made of, to be kept."""
+    """The jobs of a batch, and the source to keep beside them."""
 
     jobs: list[Job]
     source: JobsSource
@@ -109,11 +109,11 @@ def read_batch(
     machine: Machine,
     part: tuple[int, int] | None = None,
 ) -> Batch:
-    """What a jobs file, or its tables, ask for; jobs of one picture follow one another.
+    """The jobs of a jobs file, or of its tables; jobs of one picture are consecutive.
 
     `outputs`: directory to write to, and defaults for ``[outputs]``; `machine`: device, threads and
-    memory, and defaults for ``[machine]``; `part`: which one of how many, of whose jobs alone are
-    made; every n-th picture with all its lenses, or, of fewer pictures, every n-th job.
+    memory, and defaults for ``[machine]``; `part`: (number, of how many) to make the jobs of one
+    shard alone: every n-th picture with all its lenses or, if pictures are fewer, every n-th job.
     """
     if isinstance(asked, Mapping):
         path, stored = Path("jobs"), asked
@@ -138,7 +138,7 @@ def read_batch(
     splits = read_splits(tables["split"], [entry.picture for entry in entries])
     first, of = (0, 1) if part is None else (part[0] - 1, part[1])
     own, each = slice(first, None, of), [range(lenses.count)] * len(entries)
-    if len(entries) < of:  # a scene that many lenses take is shared out, too
+    if len(entries) < of:  # a single scene with many lenses is divided, too
         begins = (n * lenses.count for n in range(len(entries)))
         own, each = slice(None), [range((first - at) % of, lenses.count, of) for at in begins]
     jobs = [
@@ -157,12 +157,12 @@ def read_batch(
 
 
 def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
-    """The jobs of a jobs file, as of `read_batch`."""
+    """The jobs of a jobs file, as `read_batch`."""
     return read_batch(path, outputs, machine).jobs
 
 
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:
-    """The options of ``[reading]``, over those of the lens file."""
+    """The options of ``[reading]``, above those of the lens file."""
     repair = {n: value for n, value in machine.values.items() if n == "depth-repair"}
     if repair and "depth-repair" in section.values:
         problem, place = "stands in [reading], too", machine.place("depth-repair")
@@ -178,7 +178,7 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
 def _lenses(
     lens: Table, sweep: Table, sample: Table, animation: Animation | None, reading: Reading
 ) -> PictureLenses:
-    """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
+    """The lenses of ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]``."""
     lens.refuse_unknown((*LENS_OPTIONS, "file", METADATA))
     return PictureLenses(
         own=layer_of(lens.values, LENS_OPTIONS, lens.place),
@@ -206,7 +206,7 @@ _LABEL = re.compile(r"[a-z][a-z0-9_]*")
 _ROLES = ("color", "depth", "frame", "lens", "aperture", "dp", *OTHERS)  # begin names of inputs
 _KNOWN = (*LENS_OPTIONS, *_FILES, "stem")
 _KNOWN_SET = frozenset(_KNOWN)
-_TRIED = 100  # first rows of which one file at least must exist
+_TRIED = 100  # first rows, at least one of whose files must exist
 _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 
@@ -222,7 +222,7 @@ class Entry:
 def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
     """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any.
 
-    `table`: ``[inputs]``, whose patterns give pictures by name.
+    `table`: ``[inputs]``, where patterns give pictures by name.
     """
     table.refuse_unknown((*keys_of(INPUT_OPTIONS), "carry"))
     entries, shot = _from_files(table)
@@ -293,7 +293,7 @@ def _from_tables(table: Table) -> list[Entry]:
 
 
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
-    """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
+    """The pictures of rows; a missing file fails in its own job, unless all files are missing."""
     with without_collections():
         entries = [_entry(row, where, file) for where, row in rows]
     if not entries:

@@ -1,4 +1,4 @@
-"""A lens: its optics, its opening, its sensor, and its record in plain numbers and words."""
+"""A lens: optics, aperture, sensor, and its record in plain numbers and words."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from defocus_core.request.quantities import Percentile, SideShare, Unitless, len
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """Which of the random lenses of a picture and a lens of the sweep this is."""
+    """The draw of a random lens for a picture and a lens of the sweep."""
 
     seed: int  # the seed of the jobs file
-    picture: str  # name of the picture, with that of the lens of the sweep
-    index: int  # number of the draw for these
+    picture: str  # name of the picture and suffix of the lens of the sweep
+    index: int  # number of the draw
 
 
-@dataclass(frozen=True, slots=True)  # a batch has a million
+@dataclass(frozen=True, slots=True)  # slots: a batch has a million lenses
 class LensValues:
     """A thin lens, lengths in mm.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `picture.focus` finds the distance. Where a file holds radii
-    instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
-    With ``blur`` there is no lens but that shape, either: its radii are linear in the numbers of
-    the depth file.
+    the depth; `picture.focus` finds the distance. If a file holds radii instead of depth, only the
+    shape of the opening is known: focal length and f-number are NaN. So it is with ``blur``, whose
+    radii are linear in the numbers of the depth file.
     """
 
     foclen: float
@@ -41,12 +40,12 @@ class LensValues:
     blades: int = 0
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
-    # Radius of the most blurred pixel in px, or a share of a picture, instead of optics
+    # radius of the most blurred pixel in px, or as a share of the picture, instead of optics
     blur: float | SideShare | None = None
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
-    blur_reach: float | None = None  # how far beyond what is sharp numbers get ``blur``
-    clamp_blur: float | None = None  # px that no radius exceeds
-    sharp_range: tuple[float, float] | None = None  # mm of what is in focus, too; numbers of `blur`
+    blur_reach: float | None = None  # distance in numbers from the focus to the radius ``blur``
+    clamp_blur: float | None = None  # greatest radius in px
+    sharp_range: tuple[float, float] | None = None  # mm that stay sharp, too; numbers with `blur`
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
     vignetting: bool = False
     axial_color: tuple[float, float] | None = None  # mm by which red and blue focus farther behind
@@ -57,22 +56,22 @@ class LensValues:
     aperture_image: Path | None = None
     highlights: tuple[float, float] | None = None  # threshold in linear light, and gain
     dp_model: str = "split"
-    dp_kernels: Path | None = None  # what photodiodes see, instead of a model
+    dp_kernels: Path | None = None  # measured kernels of the photodiodes, instead of a model
     dp_crosstalk: float = 0.0
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
     draw: Draw | None = None  # of a random lens
-    # Where its focus stands, for errors.
+    # place of the option of the focus, for errors
     focus_source: Place = field(default=CALLER, compare=False)
 
     def __post_init__(self) -> None:
-        """Beside a blur in pixels the sharp range is of numbers of the file."""
+        """Read the sharp range as numbers of the file, beside a blur in pixels."""
         if self.blur is not None and self.sharp_range is not None:
             object.__setattr__(self, "sharp_range", Unitless(self.sharp_range))
 
     @property
     def effects(self) -> dict[str, Any]:
-        """Its effects that are on, by the names of their fields: what a lens is without blades."""
+        """The effects that are on, by the names of their fields."""
         values = {name: getattr(self, name) for name in EFFECTS}
         return {
             name: EFFECT_OPTIONS[name].recorded(value)
@@ -82,7 +81,7 @@ class LensValues:
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that it is made of, by the names of their fields."""
+        """The files of the lens, by the names of their fields."""
         paths = {name: getattr(self, name) for name in LENS_FILES}
         return {name: path for name, path in paths.items() if path is not None}
 
@@ -92,16 +91,16 @@ class LensValues:
         return math.isnan(self.foclen)
 
 
-# Values of its fields where nothing is said.
+# Default values of its fields.
 DEFAULTS: Mapping[str, Any] = {field.name: field.default for field in fields(LensValues)}
-# Fields of effects that most lenses have not got, and their values if they are off.
+# Fields of effects that most lenses lack, and their values if off.
 EFFECTS = {name: value for name, value in DEFAULTS.items() if name in EFFECT_OPTIONS}
 
 
 def lens_record(lens: LensValues) -> dict[str, Any]:
-    """A lens in plain numbers and words, units in the names; infinity is the word ``inf``.
+    """A lens in plain numbers and words, with units in the names; infinity is ``inf``.
 
-    Of a lens of which only the shape is known, the other numbers are None.
+    If only the shape is known, the other numbers are None.
     """
     values = {
         key: None if row.is_optics and lens.is_shape else row.recorded(getattr(lens, row.field))

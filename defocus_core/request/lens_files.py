@@ -1,6 +1,6 @@
 """Lens files: options of a lens and of reading, and those that ship, by name.
 
-They hold texts, with the units they have on the command line::
+Values are texts, with units as on the command line::
 
     focal-length = "50mm"
     fnumber = 1.4
@@ -40,10 +40,10 @@ def reading_in(file: Path) -> Layer:
 
 
 def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
-    """The options of the lens of a lens file that count below others.
+    """The lens options of a lens file, for the layer below other options.
 
     `where`: the option that names the file; `in_pixels`: others have a blur in pixels; `radii`: the
-    depth files hold radii, and what decides them is left out, with a note.
+    depth files hold radii, and options that decide radii are left out, with a note.
     """
     stored = {name: each for name, each in read_lens_file(file).items() if name in LENS_OPTIONS}
     if "blur" in stored:
@@ -57,7 +57,7 @@ def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
 
 
 def _refuse_beside_blur(stored: Layer, file: Path, where: Place) -> None:
-    """Raise UsageProblem if a lens file decides the radii, which a blur in pixels decides."""
+    """Raise UsageProblem if a lens file decides the radii beside a blur in pixels."""
     optics = [name for name in stored if name not in BESIDE_BLUR]
     if not optics:
         return
@@ -71,9 +71,9 @@ def _refuse_beside_blur(stored: Layer, file: Path, where: Place) -> None:
 class ShippedLens:
     """A lens file that ships."""
 
-    name: str  # as ``--lens`` takes it, with the mark
+    name: str  # as for ``--lens``, with the @
     path: Path
-    subject: str  # its first line, in words
+    subject: str  # its first line
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Where a data set comes from: ``[dataset]`` of its jobs file, and the file itself, kept in OUT.
+"""The origin of a data set: ``[dataset]`` of its jobs file, and the file itself, kept in OUT.
 
 ``OUT/jobs.toml`` is the jobs file under a line that says so, or ``OUT/jobs.json`` the tables of a
 batch from Python. Card and index take title, licence, source and citation from it.
@@ -25,7 +25,7 @@ _MARK = b"# The jobs file of this batch, kept by defocus; it is replaced by that
 
 @dataclass(frozen=True)
 class Origin:
-    """What a set says of itself, empty where it says nothing.
+    """Title, licence, source and citation of a set, empty where not given.
 
     ``shuffle`` is the seed of the order of its samples in shards, None where they are sorted.
     """
@@ -38,7 +38,7 @@ class Origin:
 
     @property
     def said(self) -> dict[str, str]:
-        """The texts that are not empty, by key."""
+        """The given texts, by key."""
         return {key: text for key in _TEXTS if (text := getattr(self, key))}
 
 
@@ -55,14 +55,14 @@ def read_origin(table: Table) -> Origin:
 
 @dataclass(frozen=True)
 class JobsSource:
-    """What a batch was asked for, as it was read: the bytes of a jobs file, or tables as JSON."""
+    """The request of a batch as it was read: bytes of a jobs file, or tables as JSON."""
 
     path: Path | None  # the jobs file; None for tables from Python
     data: bytes
 
 
 def keep(out: Path, source: JobsSource) -> bool:
-    """Keep what a batch was asked for in its OUT: whether it is new. What is not ours stays."""
+    """Keep the request of a batch in OUT, without replacing foreign files; True if it is new."""
     if source.path is None:
         name, data = _KEPT_TABLES, source.data
     else:
@@ -86,7 +86,7 @@ def _is_of_tables(data: bytes) -> bool:
 
 
 def origin_of(out: Path) -> Origin:
-    """The origin that the jobs file kept in OUT tells of; an empty one if there is none."""
+    """The origin by the jobs file kept in OUT; an empty one without it."""
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
         for name, loads in ((KEPT, toml_file.loads), (_KEPT_TABLES, json.loads)):
             if (data := _kept(out, name)) is not None:

@@ -1,8 +1,8 @@
-"""Kinds of output, one row each, and the types of image files.
+"""Kinds of output, a row each, and the types of image files.
 
 A kind is written to ``OUT/<name>/<stem>.<ext>``. An image has the channels of the colour file and
-the type that ``--format`` names. A map is a float32 EXR, or TIFF, of one channel, which in an EXR
-has the kind's name.
+the type of ``--format``. A map is a float32 EXR or TIFF of one channel, named after the kind in an
+EXR.
 
 A new kind is a new row, and a line of ``help/conventions.md``; the other modules read this table. A
 map that is no depth is also named in `NO_DEPTH` of `io.depth_formats.exr_depth_channel`.
@@ -20,15 +20,15 @@ from defocus_core.request.quantities import QuantityError, within
 class Kind:
     """A kind of output."""
 
-    name: str  # as ``--outputs`` has it
+    name: str  # as in ``--outputs``
     help: str  # a line for ``defocus render --help``
-    image: bool = False  # whether it is an image; else it is a map
-    # Attributes of `defocus_core.Views` that it is made of; none where it is not rendered
+    image: bool = False  # whether it is an image rather than a map
+    # attributes of `defocus_core.Views` that it is made of; empty if it is not rendered
     rendered: tuple[str, ...] = ()
-    # How it is made, a row of `defocus_core.picture.write`; empty where it is what is rendered
+    # its row of `defocus_core.picture.write`; empty if it is written as rendered
     source: str = ""
-    channel: str = ""  # the channel of a map in an EXR, if it is not the kind's name
-    title: str = ""  # what a map shows, for ``defocus info``
+    channel: str = ""  # the channel of a map in an EXR, if other than the kind's name
+    title: str = ""  # meaning of a map, for ``defocus info``
     unit: str = ""  # the unit of a map's values, empty for a number without one
 
     @property
@@ -38,28 +38,28 @@ class Kind:
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Of an image of several, the kinds that are the views of its one EXR file."""
+        """The kinds that are the views of its EXR file, if it has several."""
         return self.rendered if len(self.rendered) > 1 else ()
 
     @property
     def whole(self) -> bool:
-        """Whether all channels are rendered: it is an image, or a part of one."""
+        """Whether all channels are rendered, for an image or a part of one."""
         return self.image or bool(self.rendered and self.source)
 
     @property
     def signed(self) -> bool:
-        """Whether its values have a sign; a preview is orange below 0, white at 0, blue above."""
+        """Whether values have a sign; their preview is orange below 0, white at 0, blue above."""
         return self.source in ("radius", "disparity")
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
-        """Bytes that a pixel takes in memory before it is written."""
+        """Bytes of a pixel in memory before it is written."""
         if not self.rendered:  # computed from the radii while it is written
             return 0
         sample_bytes = sample_bytes if self.image else 4
         return sample_bytes * len(self.rendered) * (channels if self.whole else 1)
 
     def suffix(self, image_format: str, map_format: str = "exr") -> str:
-        """The suffix of its files where images and maps are of two formats."""
+        """The suffix of its files, given the formats of images and maps."""
         return ".exr" if self.views else SUFFIXES[image_format if self.image else map_format]
 
 
@@ -71,23 +71,23 @@ _ROWS = (
     Kind("right", "what the right half of the lens sees", image=True, rendered=("right",)),
     Kind(
         "coc",
-        "signed radius of the circle of confusion in px, beyond the focus positive",
+        "signed radius of the circle of confusion in px, positive beyond the focus",
         source="radius",
         title="CoC map (signed radius, negative nearer than the focus)",
         unit="px",
     ),
     Kind(
         "disparity",
-        "dual-pixel disparity in px, signed alike",
+        "dual-pixel disparity in px, with the sign of coc",
         source="disparity",
         title="disparity map (between left and right, signed like the CoC)",
         unit="px",
     ),
     Kind(
         "trust",
-        "share of the lens that saw what the picture holds: 1 is nothing invented",
+        "share of the lens that saw content of the picture: 1 where nothing is invented",
         rendered=("trust",),
-        title="trust map (share of the lens that saw what the picture holds)",
+        title="trust map (share of the lens that saw content of the picture)",
     ),
     Kind(
         "multiview",
@@ -101,10 +101,10 @@ _ROWS = (
         image=True,
         source="focus",
     ),
-    Kind("image", "the picture as it was given, in focus", image=True, source="color"),
+    Kind("image", "the sharp input picture", image=True, source="color"),
     Kind(
         "depth",
-        "the depth along the axis in metres, as it was given",
+        "the input depth along the axis in metres",
         source="depth",
         channel="Z",
         title="depth map",
@@ -115,28 +115,28 @@ KINDS = {kind.name: kind for kind in _ROWS}
 MAPS = tuple(kind.name for kind in _ROWS if not kind.image)
 INPUTS = tuple(kind.name for kind in _ROWS if kind.source in ("color", "depth"))
 
-PREVIEW = ".preview"  # follows the name of a kind where a preview of it is meant
+PREVIEW = ".preview"  # suffix of the name of a kind for its preview
 
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif"}
 SUFFIXES |= {"jpg": ".jpg", "webp": ".webp"}
-# Suffixes of pictures and films that are not written: no folder is meant by them.
+# Suffixes of pictures and films that are not written, but do not name folders.
 _UNWRITTEN = (
     "hdr ppm pgm pbm pnm pfm tga bmp gif psd psb heic heif avif jp2 j2k jxl dds dpx cin sgi pic "
     "sxr dng cr2 cr3 nef arw raf ico svg pdf eps npy npz mp4 mov avi mkv webm mxf"
 )
 UNWRITTEN = frozenset(f".{word}" for word in _UNWRITTEN.split())
 PICTURES = frozenset(SUFFIXES.values()) | UNWRITTEN
-LOSSY = ("jpg", "webp")  # which have a quality
+LOSSY = ("jpg", "webp")  # formats with a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)
 COMPRESSIONS = ("none", "zips", "zip", "piz", "dwaa", "input")
-_MAX_LEVEL = 1e6  # of dwaa; 45 is its own
+_MAX_LEVEL = 1e6  # levels of dwaa, by default 45
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
 
 
 def compression(text: str) -> str:
-    """A codec of EXR files like ``zip`` or ``dwaa:100``, or ``input``."""
+    """A codec of EXR files, parsed from ``zip``, ``dwaa:100`` or ``input``."""
     name, colon, level = text.strip().lower().partition(":")
     if name not in COMPRESSIONS or (colon and name != "dwaa"):
         remedy = f"choose from {', '.join(COMPRESSIONS)}; or dwaa:LEVEL"
@@ -148,9 +148,9 @@ def compression(text: str) -> str:
 
 
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
-    """The format of the one file of a kind, by its suffix; None if it cannot have that suffix.
+    """The format of the single file of a kind, by its suffix; None if the suffix is invalid.
 
-    `given`: the format that was asked for, None for any.
+    `given`: the requested format, None for any.
     """
     word = suffix.lower().removeprefix(".")
     word = FORMAT_ALIASES.get(word, word)
@@ -161,6 +161,6 @@ def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
 
 
 def is_picture_name(suffix: str) -> bool:
-    """Whether a suffix is one of pictures that are written."""
+    """Whether a suffix is that of a picture, so that it does not name a folder."""
     word = suffix.lower().removeprefix(".")
     return f".{word}" in SUFFIXES.values() or word in FORMAT_ALIASES

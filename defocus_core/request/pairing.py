@@ -1,9 +1,8 @@
-"""Pictures of files, directories and patterns: colour, depth and hidden files of one name.
+"""Pictures from files, directories and patterns: colour, depth and hidden files of one name.
 
-The name of a file in a directory is its stem. In a pattern it is what the wildcards stand for, with
-the text before them if that is the same in all patterns: ``s*/rgb.exr`` names s1, and not 1. A lone
-file pairs with any other lone file, whatever their stems. Of frame patterns, files of one number
-pair up, whatever else their names are.
+The name of a file in a directory is its stem. In a pattern it is the text of the wildcards, with
+the text before them if that is the same in all patterns: ``s*/rgb.exr`` gives s1, not 1. A lone
+file pairs with any other lone file. Files of frame patterns pair by number alone.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
     *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
     *(".dsp5", ".mat", ".heic", ".heif"),
 }
-SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
+SCENE_SUFFIXES = frozenset({".exr"})  # suffixes of files that hold colour and depth
 
 _NUMBER = re.compile(r"\d{2,}")
 
@@ -54,9 +53,9 @@ Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belo
 
 @dataclass(frozen=True)
 class _Files:
-    """The files of one path: a file, a directory, or a pattern; a lone file has an empty name.
+    """The files of a path by name; a lone file has an empty name.
 
-    ``photos`` are those of a directory of depth that are depth only where no other file is.
+    ``photos`` are photographs in a depth directory, used only where there is no other depth file.
     """
 
     path: Path
@@ -79,7 +78,7 @@ def find(
     frames: FrameChoice = ALL,
     carried: Mapping[str, Path] | None = None,
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
-    """The pictures of paths, and all frames of the shot that they are of, that are complete.
+    """The pictures of paths, and all complete frames of their shot.
 
     `carried`: paths of labels, by role.
     """
@@ -103,7 +102,7 @@ def find(
     )
     colors, pictures = _pair(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
-        # a plate needs no depth, nor does a matte, and a holdout has its own
+        # plates and mattes need no depth, and a holdout has its own
         lone = role != "hidden" and other_depth is None
         other_colors, paired = _pair(
             other_color, other_color if lone else other_depth, patterns_in, with_text
@@ -122,7 +121,7 @@ def find(
 
 
 def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
-    """The frames that options ask for; ``at``: the place of an option."""
+    """The frames chosen by options; ``at``: the place of an option."""
     frames, missing = options.get("frames"), options.get("missing")
     return FrameChoice(
         None if frames is None else frame_numbers(frames.text, frames.place),
@@ -132,7 +131,7 @@ def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
 
 
 def others_of(paths: Mapping[str, Path], where: Place) -> Others:
-    """Colour and depth of what belongs to each picture, by role; ``paths``: by option."""
+    """Colour and depth paths of pictures that belong to others, by role; ``paths``: by option."""
     for role in OTHERS:
         if f"{role}-depth" in paths and role not in paths:
             other = f"‹{role}›" if where.path is None else INPUT_OPTIONS[role].key
@@ -146,7 +145,7 @@ def others_of(paths: Mapping[str, Path], where: Place) -> Others:
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:
-    """Refuse two frames that a shell made of a pattern, as colour and depth."""
+    """Refuse two frames as colour and depth, into which a shell has expanded a pattern."""
     names = [_NUMBER.sub("#", path.name) for path in (color, depth)]
     if color != depth and color.parent == depth.parent and names[0] == names[1]:
         problem = f"looks like the next frame of {color.name}, not its depth"
@@ -161,7 +160,7 @@ def _shot(
     root: Path,
     frames: FrameChoice,
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
-    """The wanted frames of patterns, of which a note names those left out, and all frames."""
+    """The wanted frames of patterns, with a note on incomplete ones, and all frames."""
     files = _number(color, depth, others, root)
     paths = [color, depth or color]
     for other_color, other_depth in others.values():
@@ -177,7 +176,7 @@ def _shot(
 def _number(
     color: Path, depth: Path | None, others: Others, root: Path
 ) -> dict[str, dict[int, Path]]:
-    """The files of frame patterns by role, by number."""
+    """The files of frame patterns by role, then by number."""
 
     def numbered(path: Path) -> dict[int, Path]:
         if not is_pattern(root / path):
@@ -207,7 +206,7 @@ def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "
 
 
 def holds_both(path: Path) -> bool:
-    """Whether a file is of a kind that holds colour and depth: an EXR, or a phone's photograph."""
+    """Whether a file type can hold colour and depth: an EXR, or a phone's photograph."""
     suffix = path.suffix.lower()
     return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and holds_depth(path))
 
@@ -251,7 +250,7 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
             return _Files(path, "file", {"": path})
         kind, named = "directory", matching(path, "*")
     by_name: dict[str, Path] = {}
-    preview = f"{PREVIEW}.png"  # of depth, as ``defocus depth`` writes it
+    preview = f"{PREVIEW}.png"  # depth, as ``defocus depth`` writes it
     files = ((name, file) for name, file in sorted(named) if not file.name.endswith(preview))
     every = [(name, file, file.suffix.lower()) for name, file in files]
     photos: dict[str, Path] = {}
@@ -284,7 +283,7 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
 
 
 def _common_patterns(*sides: _Files) -> str:
-    """Patterns that pair all files of directories whose names share all but affixes; else empty."""
+    """Patterns that pair the files of directories if names differ in affixes only; else empty."""
     patterns, cores = [], []
     for side in sides:
         names = list(side.by_name)
@@ -302,7 +301,7 @@ def _common_patterns(*sides: _Files) -> str:
 
 
 def _refuse_unpaired(files: _Files, others: _Files) -> None:
-    """Refuse files of which one has no partner among the others."""
+    """Refuse files if one of them has no partner among the others."""
     if files.kind != others.kind:
         many, one = sorted((files, others), key=lambda each: each.kind == "file")
         problem = f"is a {many.kind} but {one.path} is a {one.kind}"

@@ -1,8 +1,8 @@
-"""The table of lens options: a row is all that is known of an option wherever it stands.
+"""The table of lens options: a row has everything about an option.
 
 Options of commands, keys of TOML files, columns of lists, sweeps, keys of frames, records, headers
-and the command lines of reports are made of these rows; `Lens` has their values. They take effect
-in `picture.opening` (the pupil, then `optics`), `picture.radii`, or a step of `picture`.
+and the command lines of reports come from these rows; `Lens` has their values. They take effect in
+`picture.opening` (the pupil, then `optics`), `picture.radii`, or a step of `picture`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.request import quantities
 from defocus_core.request.quantities import Percentile, SideShare, Unitless, length_text
 
-METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
-# Scales of sweeps, and between keys of frames: to each, and back.
+METADATA = "lens-from-metadata"  # option and key: metadata of a picture give its lens
+# Scales of sweeps and of interpolation between keys: conversion to each, and back.
 SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
     "depth": (float, float),
     "steps": (float, float),
@@ -29,41 +29,41 @@ SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Param:
-    """An option: how it is named, read, written and explained."""
+    """An option: its names, parser, text and help."""
 
-    name: str  # of the option, and of the key of a TOML file
-    key: str = ""  # of a TOML file, where that is another
-    only: str = ""  # ``files`` or ``commands``, if the others have not got it
-    help: str = ""  # what it does; other options are in angle quotes
-    parse: Callable[[str], Any] = str  # makes its value of a text; raises QuantityError
-    metavar: str = ""  # what help shows in the place of its value
-    stored_as: str = ""  # the field that has its value, where that is not its name with underscores
-    unit: str = ""  # of each number of its value, which a text must name
-    optional_unit: str = ""  # a unit that a text may leave out, and that is written for people
-    # What stands between the numbers or words of its value, if these are several
+    name: str  # name of the option, and of the key of a TOML file
+    key: str = ""  # key of a TOML file, if different
+    only: str = ""  # ``files`` or ``commands``, if only these have it
+    help: str = ""  # help; other options are in angle quotes
+    parse: Callable[[str], Any] = str  # parser of its text; raises QuantityError
+    metavar: str = ""  # placeholder of the value in help
+    stored_as: str = ""  # the field of its value, if not its name with underscores
+    unit: str = ""  # unit of each number, which a text must have
+    optional_unit: str = ""  # optional unit, which is written for people
+    # separator of the numbers or words of its value, if several
     separator: str = ""
-    instead_of: str = ""  # the option that says the same in another way
-    choices: Sequence[str] = ()  # the words that it may be, where it is one of them
-    heading: str = "Options"  # under which help shows it
-    is_common: bool = False  # short help shows it
-    flag: bool = False  # it has no value: a field has its name, if it is given
-    toggle: bool = False  # it is on or off without a text, and neither where it is not given
-    words: int = 1  # of which a command line has it
-    multiple: bool = False  # a command line may have it several times
-    is_path: bool = False  # it names a file, or files
+    instead_of: str = ""  # an alternative option of the same meaning
+    choices: Sequence[str] = ()  # the words to choose from, if any
+    heading: str = "Options"  # heading in help
+    is_common: bool = False  # whether short help shows it
+    flag: bool = False  # it has no value: if given, the field is set to its name
+    toggle: bool = False  # a switch without a text: on, off, or not given
+    words: int = 1  # number of texts on a command line
+    multiple: bool = False  # whether a command line may repeat it
+    is_path: bool = False  # whether it names a file, or files
 
     def __post_init__(self) -> None:
-        """Parse words to choose from as such, unless another parser is given."""
+        """Parse one of the words, unless a parser is given."""
         if self.choices and self.parse is str:
             object.__setattr__(self, "parse", quantities.one_of(self.choices, "unknown-name"))
 
     @property
     def field(self) -> str:
-        """The field that has its value."""
+        """The field of its value."""
         return self.stored_as or self.name.replace("-", "_")
 
     def text(self, value: object, digits: int | None = None) -> str:
-        """A value as `parse` reads it, with all its digits or so many."""
+        """The text of a value for `parse`, with all or `digits` digits."""
 
         def write(number: float) -> str:
             text = f"{number:.{digits}g}" if digits else f"{number}".removesuffix(".0")
@@ -72,7 +72,7 @@ class Param:
         return self._join(value, write)
 
     def shown(self, value: object, digits: int = 6) -> str:
-        """A value for people: lengths from 1 m on in metres."""
+        """The text of a value for people, with lengths from 1 m on in metres."""
         if self.unit == "mm":
             return self._join(value, lambda number: length_text(number, digits))
         return self.text(value, digits)
@@ -86,7 +86,7 @@ class Param:
             return "on" if value else "off"
         if isinstance(value, int | float):
             return write(value) if math.isfinite(value) else str(value)
-        return str(value)  # words, paths, percentiles
+        return str(value)  # words, paths and percentiles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,33 +94,33 @@ class LensParam(Param):
     """An option of a lens."""
 
     heading: str = "Lens"
-    tag: str  # what a file name calls it in a sweep
+    tag: str  # tag in file names of a sweep
     example: str  # a value as a text
-    # A lens cannot do without it, or without the option that is instead of it
+    # required, unless its alternative is given
     required: bool = False
-    needs: str = ""  # the option without which it changes nothing
-    idle: str = ""  # what it does in vain without that one
-    is_optics: bool = False  # it decides radii, so that it is idle where a file holds them
-    # The scale of sweeps in which it goes evenly between keys of frames, as one number or
-    # several; empty for what holds until the next key, and is drawn by choice only
+    needs: str = ""  # the option without which it has no effect
+    idle: str = ""  # the problem without that option
+    is_optics: bool = False  # it decides radii, so that it has no effect beside a file of them
+    # the scale of its interpolation between keys of frames, as one number or several; empty for a
+    # value that holds until the next key and is drawn by choice only
     even_in: str = ""
-    bare_unit: str = ""  # unit of a key of a frame that is a number alone, where that is another
-    # Its key in records of any lens; empty where its field is recorded if it is on
+    bare_unit: str = ""  # unit of plain numbers at keys of frames, if different
+    # its key in records of any lens; empty if its field is recorded only when on
     recorded_as: str = ""
-    file_field: str = ""  # the field that has the path, where the value may be a file
-    never_off: bool = False  # it is no effect that a lens may be without
+    file_field: str = ""  # the field of the path, if the value may be a file
+    never_off: bool = False  # whether every lens has it, so that it is not an effect
 
     @property
     def is_ranged(self) -> bool:
-        """Whether it is a number that can be drawn from a range."""
+        """Whether its value can be drawn from a range."""
         return bool(self.even_in) and not self.separator
 
     def field_of(self, value: object) -> str:
-        """The field that has a value."""
+        """The field of a value."""
         return self.file_field if isinstance(value, Path) else self.field
 
     def recorded(self, value: object) -> object:
-        """A value as records have it: a number, a word, the text of several; None for NaN."""
+        """A value for records: a number, a word, or the text of several; None for NaN."""
         if isinstance(value, Path):
             return value.name
         if isinstance(value, tuple | SideShare):
@@ -130,7 +130,7 @@ class LensParam(Param):
         return value
 
     def with_unit(self, text: str) -> str:
-        """The text of a key of a frame, with its unit if it is a number alone."""
+        """The text of a key of a frame, with its unit added to a plain number."""
         try:
             is_bare = math.isfinite(float(text))
         except ValueError:
@@ -310,7 +310,7 @@ _ROWS = (
         name="vignetting",
         parse=quantities.switch,
         metavar="on|off",
-        help="Darken the corners by the light that the rim blocks.  [default: off]",
+        help="Darken the corners by the light that the rim blocks. [default: off]",
         tag="vignetting",
         example="on",
         needs="cat-eye",
@@ -452,14 +452,14 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
-# What decides how far pixels are blurred, of one kind of light.
+# Options that decide the radii of one kind of light.
 BLURRING = tuple(LENS_OPTIONS)[: [*LENS_OPTIONS].index("clamp-blur") + 1]
-# What the opening and the blur of a point show.
+# Options that the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(
     {*SHAPES, "focus-at", "sharp-range", "cat-eye", "vignetting", "axial-color"}
-)  # what has an effect where the blur is in pixels
-# The options by their keys in records: those of any lens, and those of effects that are on.
+)  # options with an effect beside a blur in pixels
+# The options by their keys in records: those of any lens, then those of effects.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}
 EFFECT_OPTIONS = {
     field: row

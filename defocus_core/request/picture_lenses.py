@@ -1,8 +1,8 @@
-"""The lenses of each picture, of all layers that its options stand in.
+"""The lenses of each picture, from all layers of options.
 
-A lens file, the metadata of the picture, the keys of its frame, the options of all pictures (the
-command line, or ``[lens]``), those of its row, what is drawn and what is swept: the later win. What
-is animated, drawn or swept is set nowhere else, as it would be ignored there.
+Layers, of which later ones win: a lens file, metadata of the picture, keys of its frame, options of
+all pictures (the command line, or ``[lens]``), those of its row, drawn and swept options. An option
+that is animated, drawn or swept must not be set elsewhere, where it would be ignored.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     from defocus_core.request.animation import Animation
 
 _NONE: Layer = {}
-LISTED = "lenses: "  # begins the keys of a lens that [sweep] lists
+LISTED = "lenses: "  # beginning of the keys of a lens in [sweep]
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How many lenses are drawn for a picture, and what each option is drawn from."""
+    """The number of lenses to draw for a picture, and the distribution of each option."""
 
     count: int = 0
     seed: int = 0
@@ -51,27 +51,27 @@ class Sampling:
 
 @dataclass(frozen=True)
 class PictureLenses:
-    """The lenses that take each picture."""
+    """The lenses of each picture."""
 
     own: Layer  # options of all pictures
-    where: Place = CALLER  # where these stand
+    where: Place = CALLER  # their place
     file: Path | None = None  # a lens file, if there is one
-    file_key: str = "lens"  # the option that names it
-    # The depth files hold radii, so that a lens is the shape of its opening alone
+    file_key: str = "lens"  # place of the option that names it
+    # whether depth files hold radii, so that only the shape of the opening counts
     radii: bool = False
     animation: Animation | None = None
-    metadata: bool = False  # whether options are taken from the metadata of each colour file
-    metres: float = 1.0  # the unit of the scene, for metadata in it
-    # The options of each lens of the sweep, by what it adds to the name of a sample
+    metadata: bool = False  # whether metadata of each colour file give options
+    metres: float = 1.0  # the unit of the scene, for lengths in metadata
+    # the options of each lens of the sweep, by its suffix
     points: Mapping[str, Layer] = field(default_factory=lambda: {"": _NONE})
-    sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
-    # What was made: options and lenses of points for all pictures; options of the lens file, beside
-    # a blur in pixels or without
+    sampling: Sampling = field(default_factory=Sampling)  # the draws for each lens of the sweep
+    # caches: options and lenses of the sweep for all pictures; options of the lens file, with or
+    # without a blur in pixels
     _made: dict[int, tuple[Layer, LensValues | None]] = field(default_factory=dict, init=False)
     _stored: dict[bool, Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        """Refuse options that are set twice, and metadata that change nothing."""
+        """Refuse options that are set twice, and metadata without effect."""
         listed = self._listed
         for name in sorted(listed):
             note(f"{self.own[name].place}: gives way to the lenses of [sweep] that set it")
@@ -83,14 +83,14 @@ class PictureLenses:
 
     @property
     def _listed(self) -> set[str]:
-        """The options of all pictures that a lens of the list of ``[sweep]`` has, too."""
+        """The options of all pictures that a listed lens of ``[sweep]`` sets, too."""
         points = self.points.values()
         own = ((name, layer[name]) for layer in points for name in layer.keys() & self.own.keys())
         return {name for name, value in own if value.place.field.startswith(LISTED)}
 
     @cached_property
     def taken(self) -> dict[str, str]:
-        """The options that are animated, drawn or swept, and where."""
+        """The animated, drawn or swept options, with their places."""
         taken = {} if self.animation is None else self.animation.taken
         tables = [*((options, "[sweep]") for options in self.points.values())]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
@@ -100,29 +100,29 @@ class PictureLenses:
 
     @property
     def count(self) -> int:
-        """How many lenses take each picture."""
+        """The number of lenses of each picture."""
         return len(self.points) * max(self.sampling.count, 1)
 
     @property
     def suffixes(self) -> list[str]:
-        """What each lens adds to the name of a sample."""
+        """The suffix of each lens in the names of samples."""
         draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
         return [suffix + draw for suffix in self.points for draw in draws]
 
     @property
     def varies(self) -> bool:
-        """Whether each picture may have another lens."""
+        """Whether lenses may differ between pictures."""
         return self.animation is not None or self.metadata
 
     @property
     def is_complete(self) -> bool:
-        """Whether it lacks nothing that a lone picture of relative depth may decide."""
+        """Whether no option is left for a lone picture of relative depth to decide."""
         fixed = self.varies or self.radii
         return fixed or not ("blur" in self.options or missing_options(self.options))
 
     @property
     def moves_focus(self) -> bool:
-        """Whether the pixel in focus is another one in each frame."""
+        """Whether the pixel in focus changes from frame to frame."""
         return self.animation is not None and "focus-at" in self.animation.keys
 
     @cached_property
@@ -132,14 +132,14 @@ class PictureLenses:
 
     @cached_property
     def fixed(self) -> LensValues | None:
-        """The lens of all pictures, if that is one."""
+        """The lens of all pictures, if it is the same."""
         if self.varies:
             return None
         self._check(self.options, {}, None)
         return lens_of(self.options)
 
     def of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
-        """The lens of a picture where there is one, and the options that its metadata decided."""
+        """The lens of a picture that has one, and the options from its metadata."""
         if self.fixed is not None:
             return self.fixed, {}
         options, metadata = self._options(picture, {})
@@ -152,7 +152,7 @@ class PictureLenses:
     ) -> Iterator[tuple[str, LensValues]]:
         """The suffix of each lens for the name of the sample, and the lens.
 
-        `numbers`: which of the lenses, ascending from 0; `row`: options of this picture alone.
+        `numbers`: indices of the lenses, ascending; `row`: options of this picture alone.
         """
         refuse_taken(row, self.taken)
         points = [*self.points.items()]
@@ -185,14 +185,14 @@ class PictureLenses:
         check_lens(options, self.where, radii=self.radii, lacking=lacking)
 
     def _options(self, picture: PictureFiles, row: Layer) -> tuple[Layer, Layer]:
-        """The options of a picture but those that are swept, and those of its metadata."""
+        """The options of a picture except swept ones, and those from its metadata."""
         metadata = self._of_metadata(picture)
         own = laid_over(self.own, self.sampling.options, row)
         below = laid_over(self._of_file(own), metadata)
         return laid_over(below, self._keyed(picture), own), metadata
 
     def _of_file(self, above: Layer) -> Layer:
-        """The options of the lens file, which others stand above."""
+        """The options of the lens file, below others."""
         if self.file is None:
             return {}
         in_pixels = "blur" in above or "blur" in self.taken
@@ -215,7 +215,7 @@ class PictureLenses:
         }
 
     def _keyed(self, picture: PictureFiles) -> Layer:
-        """The options of the frame of a picture."""
+        """The options at the frame of a picture."""
         if self.animation is None:
             return {}
         if picture.frame is None:

@@ -1,7 +1,7 @@
-"""Quantities as people write them: lengths with a unit, angles, pixels, counts.
+"""Parsers of quantities: lengths with a unit, angles, pixels, counts.
 
-A parser takes what stands on the command line or in a lens file and returns millimetres, degrees or
-plain numbers. Decimal arithmetic keeps ``2.3m`` at 2300 mm, so that it is written back as it came.
+A parser takes a text of the command line or a lens file and returns millimetres, degrees or plain
+numbers. Decimal arithmetic keeps ``2.3m`` at 2300 mm, so that it can be written back unchanged.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _BYTES = {
 }
 _MAX_LENGTH = 1e30  # mm
 _MAX_ELECTRONS = 1e9
-_MAX_SHIFT = 10.0  # mm of the focus of a colour
-MAX_BLADES = 100  # a polygon that nobody tells from a circle
-# Characters of a number, and of any text: patterns take the square of them, or the cube.
+_MAX_SHIFT = 10.0  # mm of focus shift of a colour
+MAX_BLADES = 100  # blades of a polygon that looks like a circle
+# Characters of a number, and of any text, as patterns take quadratic or cubic time.
 _LONGEST_NUMBER, _LONGEST_TEXT = 200, 2**16
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 
 
 class QuantityError(ValueError):
-    """A text that is not the quantity asked for: what is wrong, and what to write instead."""
+    """A text is not the wanted quantity; has the problem, and what to write instead."""
 
     def __init__(self, problem: str, remedy: str, code: str = "malformed") -> None:
         super().__init__(f"{problem}; {remedy}")
@@ -47,7 +47,7 @@ class QuantityError(ValueError):
 
 @dataclass(frozen=True)
 class Percentile:
-    """The distance that ``percent`` of the pixels do not exceed, those of the sky aside."""
+    """The percentile of the distance over all pixels except the sky."""
 
     percent: float
 
@@ -56,7 +56,7 @@ class Percentile:
 
 
 def require_length(text: str, maximum: int = _LONGEST_TEXT) -> str:
-    """A text, which has no more characters than are read."""
+    """The text; raises if it has too many characters."""
     if len(text) > maximum:
         problem = f"'{text[:20]}…' has {len(text)} characters, of which {maximum} are read"
         raise QuantityError(problem, "write a shorter one")
@@ -64,12 +64,12 @@ def require_length(text: str, maximum: int = _LONGEST_TEXT) -> str:
 
 
 def short(text: str) -> str:
-    """A text, which is no longer than that of a number."""
+    """The text; raises if it is longer than a number may be."""
     return require_length(text, _LONGEST_NUMBER)
 
 
 def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
-    """The value that a parser reads from a text."""
+    """The parsed value of a text, with errors at a place."""
     try:
         for text in texts:
             require_length(text)
@@ -84,20 +84,20 @@ def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     value = _positive(text, "a length", "like 2m or 50mm", _MM)
-    if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # its square is a number, too
+    if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # so that its square is finite, too
         problem = f"'{text}' is not a length from 1e-30 to 1e30 mm"
         raise QuantityError(problem, "write it like 2m or 50mm")
     return value
 
 
 class Unitless(tuple[float, float]):
-    """Two numbers without a unit, instead of lengths: of a depth file, or shares of a blur."""
+    """Two numbers without a unit, in place of lengths: of a depth file, or shares of a blur."""
 
 
 def sharp_range(text: str) -> tuple[float, float]:
-    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
+    """Nearest and farthest distance in mm, parsed from ``1.8m..2.4m``, where inf may be the end.
 
-    Without a unit, as ``100..200``, they are `Unitless`. The range holds both as written.
+    Without a unit, as ``100..200``, they are `Unitless`. The range includes both ends.
     """
     ends = [end.strip() for end in short(text).split("..")]
     if len(ends) != 2:
@@ -113,7 +113,7 @@ def sharp_range(text: str) -> tuple[float, float]:
 
 
 def focus(text: str) -> float | Percentile:
-    """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
+    """The distance in focus in mm, also ``inf``, or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):
         return math.inf
     match = _PERCENTILE.fullmatch(short(text))
@@ -194,7 +194,7 @@ def blades(text: str) -> int:
 
 
 def within(minimum: float, maximum: float, what: str, example: str) -> Callable[[str], float]:
-    """A parser of plain numbers from ``minimum`` to ``maximum``, which may be infinite."""
+    """A parser of plain numbers from ``minimum`` to ``maximum``; infinite for no limit."""
 
     def parse(text: str) -> float:
         value = float(_number(text, what, example, {"": 1}))
@@ -207,7 +207,7 @@ def within(minimum: float, maximum: float, what: str, example: str) -> Callable[
 
 
 def always(value: T) -> Callable[[str], T]:
-    """A parser that says one value, of options that are given without a text."""
+    """A parser that returns a constant, for options without a text."""
     return lambda _: value
 
 
@@ -224,7 +224,7 @@ def one_of(words: Sequence[str], code: str = "malformed") -> Callable[[str], str
 
 
 def several(parse: Callable[[str], T], example: str) -> Callable[[str], tuple[T, ...]]:
-    """A parser of values that are separated by commas, each once, in the order given."""
+    """A parser of values separated by commas, without repetition, in order."""
 
     def read(text: str) -> tuple[T, ...]:
         try:
@@ -239,7 +239,7 @@ def several(parse: Callable[[str], T], example: str) -> Callable[[str], tuple[T,
 
 
 def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
-    """A parser of one of some models of dual pixels, or of the path of a file of kernels."""
+    """A parser of a model of dual pixels, or of the path of a file of kernels."""
 
     def parse(text: str) -> str | Path:
         if (word := text.strip().lower()) in models:
@@ -255,7 +255,7 @@ def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
 def pair(
     first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
 ) -> Callable[[str], tuple[float, float]]:
-    """A parser of two quantities on both sides of a colon."""
+    """A parser of two quantities separated by a colon."""
 
     def parse(text: str) -> tuple[float, float]:
         words = text.split(":")
@@ -276,13 +276,13 @@ _clipped = pair(
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None from ``off``."""
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None for ``off``."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 
 
 _RIM = "like 1.05:1.5"
-rim = pair(  # its radius and its distance, in radii of the opening
+rim = pair(  # radius and distance of the rim, in radii of the opening
     within(0.1, 10, "the radius of a rim", _RIM),
     within(0, 100, "the distance of a rim", _RIM),
     "not the rim of a barrel",
@@ -303,7 +303,7 @@ _shifts, _shares = pair(_shift, _shift, *_LIKE), pair(_SHARE, _SHARE, *_LIKE)
 
 
 def shifts(text: str) -> tuple[float, float]:
-    """Shifts of the focus of red and of blue in mm, of either sign; `Unitless` of a blur in px."""
+    """Focus shifts of red and blue in mm, of either sign; `Unitless` beside a blur in px."""
     has_unit = any(letter.isalpha() for letter in text.replace("e", ""))
     return _shifts(text) if has_unit else Unitless(_shares(text))
 
@@ -313,17 +313,17 @@ def _electrons(minimum: float) -> Callable[[str], float]:
     return lambda text: parse(text.strip().removesuffix("e"))
 
 
-# Electrons of a light of 1, and electrons of read noise.
+# Electrons at a light of 1, and electrons of read noise.
 noise = pair(
     _electrons(1 / _MAX_ELECTRONS),
     _electrons(0),
-    "not a noise of a sensor",
+    "not a sensor noise",
     "write ELECTRONS:READ, like 4000:3",
 )
 
 
 def switch(text: str) -> bool:
-    """Whether something is ``on``, or ``off``."""
+    """True for ``on``, False for ``off``."""
     return one_of(("on", "off"))(text.strip().lower()) == "on"
 
 
@@ -369,19 +369,19 @@ def byte_count(text: str) -> int:
 
 
 def text_of(value: object) -> str:
-    """A value as TOML, JSON or CSV hold it, as the text that the command line would take."""
+    """The text on the command line of a value of TOML, JSON or CSV."""
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def length_text(mm: float, digits: int = 6) -> str:
-    """A length to show, like ``50mm``, ``2m`` or ``inf``."""
+    """A length for people, like ``50mm``, ``2m`` or ``inf``."""
     if math.isinf(mm):
         return "inf"
     return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"
 
 
 def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) -> Decimal:
-    """A number times the value of its unit; a unit of no letters is a plain number."""
+    """A number times its unit; the empty unit is for plain numbers."""
     match = _NUMBER.fullmatch(short(text))
     if not match:
         raise QuantityError(f"'{text}' is not {what}", f"write it {example}")

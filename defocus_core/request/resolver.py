@@ -1,10 +1,10 @@
-"""The resolver: what options are set to, and what they make together.
+"""The resolver: the values of options, and the lens, reading and outputs that they make.
 
-Options stand in layers, each laid over those before it: a lens file, the metadata of a picture, the
-keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has of
-each option the value, the text that it was, and its place, for errors. What an option is set to is
-checked once, by its row in `parameters` or `job_options`: its type and range as it is parsed; what
-it excludes, needs, and beside what it changes nothing, when all layers are known.
+Options stand in layers, each above those before it: a lens file, the metadata of a picture, the
+keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has the
+value of each option, its text, and its place for errors. The row of an option in `parameters` or
+`job_options` checks it: type and range when it is parsed; conflicts, requirements and missing
+effects when all layers are known.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
 
 
 class Given(NamedTuple):
-    """What an option is set to."""
+    """The setting of an option."""
 
-    value: Any  # in mm, degrees or plain numbers; or the Distribution that it is drawn from
-    text: str  # as the command line takes it
-    place: Place  # of the option itself
+    value: Any  # in mm, degrees or plain numbers; or its Distribution
+    text: str  # as on the command line
+    place: Place  # place of the option itself
 
 
 Layer = Mapping[str, Given]  # by the name of the option
-# Of jobs files by table, and of all of these.
+# The options of jobs files by table, and all of these.
 OPTIONS = {"lens": LENS_OPTIONS, "reading": READING_OPTIONS, **TABLES}
 ROWS: Mapping[str, Param] = {name: row for rows in OPTIONS.values() for name, row in rows.items()}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.instead_of)
@@ -56,24 +56,24 @@ ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.
 
 @cache
 def alternatives(name: str) -> frozenset[str]:
-    """An option, and those that say the same in another way."""
+    """An option and its alternatives."""
     return frozenset((name,)).union(*(pair for pair in ALTERNATIVES if name in pair))
 
 
 def value_of(name: str, text: str) -> Any:
-    """The value of an option, in mm, degrees or plain numbers; off is that of a lens without."""
+    """The value of a text of an option, in mm, degrees or plain numbers; off gives the default."""
     row = ROWS[name]
     is_off = text.strip().lower() == "off" and row.field in EFFECTS
     return EFFECTS[row.field] if is_off and not LENS_OPTIONS[name].never_off else row.parse(text)
 
 
 def parsed(name: str, text: str, place: Place) -> Given:
-    """An option that is set to a text, which makes sense by itself."""
+    """The setting of an option from a text, checked by itself."""
     return Given(read_at(place, value_of, name, text), text, place)
 
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
-    """The options of a table of a file, which has no other keys than theirs and ``others``."""
+    """The options of a table of a file; keys other than theirs and ``others`` are refused."""
     table.refuse_unknown((*keys_of(rows), *others))
     return layer_of(table.values, rows, table.place)
 
@@ -86,9 +86,9 @@ def keys_of(rows: Mapping[str, Param]) -> dict[str, Param]:
 def layer_of(
     values: Mapping[str, Any], rows: Mapping[str, Param], at: Callable[[str], Place]
 ) -> dict[str, Given]:
-    """The options among the values of a file, which all make sense by themselves.
+    """The options among the values of a file, each checked by itself.
 
-    `rows`: the options that count; `at`: the place of a key. Paths are relative to its file.
+    `rows`: the known options; `at`: the place of a key. Paths are relative to its file.
     """
     named = keys_of(rows)
     layer = {
@@ -101,7 +101,7 @@ def layer_of(
 
 
 def given(name: str, value: object, place: Place) -> Given:
-    """An option that a file sets to a text, a number, or a list of these."""
+    """The setting of an option from a text, a number, or a list of these in a file."""
     row, text = ROWS[name], text_of(value)
     if row.flag:
         if value is not True:
@@ -124,9 +124,9 @@ def given(name: str, value: object, place: Place) -> Given:
 
 
 def laid_over(*layers: Layer) -> dict[str, Given]:
-    """The options of all layers, of which later ones win, also over the alternatives to them.
+    """The options of all layers; later ones win, also over alternatives of the same meaning.
 
-    If a layer makes the opening one without blades, what shapes the blades below it is dropped.
+    If a layer removes the blades, options below it that shape blades are dropped.
     """
     options: dict[str, Given] = {}
     for layer in filter(None, layers):
@@ -138,7 +138,7 @@ def laid_over(*layers: Layer) -> dict[str, Given]:
 
 
 def refuse_contradiction(layer: Layer) -> None:
-    """Raise UsageProblem if two options of a layer set the same, like f-number and diameter."""
+    """Raise UsageProblem if two options of a layer are alternatives, like focus and focus-at."""
     for one, other in ALTERNATIVES:
         if one in layer and other in layer:
             place = layer[one].place
@@ -147,16 +147,16 @@ def refuse_contradiction(layer: Layer) -> None:
 
 
 def refuse_taken(layer: Layer, taken: Mapping[str, str]) -> None:
-    """Raise UsageProblem for an option that is set elsewhere, too, where each holds for all.
+    """Raise UsageProblem for an option that is set in a second place for all pictures.
 
-    `taken`: names to where they are set.
+    `taken`: names to the places that set them.
     """
     for name in layer.keys() & taken.keys():
         problem = f"is in {taken[name]}, too"
         raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
 
 
-# Lengths that have no unit beside a blur in pixels: what is wrong with others, and the remedy.
+# Options without a unit beside a blur in pixels: problem and remedy of other values.
 _UNITLESS = {
     "sharp-range": (
         "is in numbers of the depth file beside ‹blur›, and in distances beside a lens",
@@ -172,10 +172,10 @@ _UNITLESS = {
 def check_lens(
     options: Layer, where: Place, *, radii: bool = False, lacking: Path | None = None
 ) -> None:
-    """Raise UsageProblem for options that make no lens.
+    """Raise UsageProblem for options that do not make a lens.
 
-    `where`: the table that options are missing in; `radii`: the depth files hold radii, so that a
-    lens is the shape of its opening; `lacking`: the picture whose metadata were asked, too.
+    `where`: the table that lacks options; `radii`: whether depth files hold radii, so that a lens
+    is only the shape of its opening; `lacking`: the picture whose metadata were read, too.
     """
     possible = {name: _possible(each.value) for name, each in options.items()}
     in_pixels = "blur" in options
@@ -207,7 +207,7 @@ def check_lens(
 
 
 def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = False) -> None:
-    """Raise UsageProblem if an option decides the radii, which something else decides already."""
+    """Raise UsageProblem if an option decides the radii beside a blur or a file of radii."""
     for name, (_, _, place) in options.items():
         if in_pixels and name not in BESIDE_BLUR:
             problem = "has no effect beside ‹blur›, which replaces the lens"
@@ -219,13 +219,13 @@ def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = Fals
 
 
 def missing_options(options: Layer) -> list[str]:
-    """The options that a lens cannot do without and that have no value, nor have others instead."""
+    """The required options that have neither a value nor an alternative."""
     required = (row.name for row in LENS_OPTIONS.values() if row.required)
     return [name for name in required if not alternatives(name) & options.keys()]
 
 
 def missing_words(lacking: Sequence[str]) -> str:
-    """That the first of some options is missing, and the others are."""
+    """The words that the first of some options is missing, and the others, too."""
     others = " and ".join(f"‹{name}›" for name in lacking[1:])
     return (
         f"is missing, as {'are' if len(lacking) > 2 else 'is'} {others}" if others else "is missing"
@@ -233,7 +233,7 @@ def missing_words(lacking: Sequence[str]) -> str:
 
 
 def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) -> None:
-    """Raise UsageProblem if required options are missing, from the metadata of a picture, too."""
+    """Raise UsageProblem if required options are missing, also in the metadata of a picture."""
     missing = missing_options(options)
     if not missing:
         return
@@ -254,7 +254,7 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
-    """Raise UsageProblem unless a lens of ``foclen`` can focus so near (mm)."""
+    """Raise UsageProblem unless the focus is farther than the focal length (mm)."""
     if foc_dist <= foclen:
         near, far = length_text(foc_dist), length_text(foclen)
         problem = f"{at}{near} is not farther than the focal length {far}"
@@ -263,13 +263,13 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = ""
 
 
 def lens_of(options: Layer, draw: Draw | None = None) -> LensValues:
-    """The lens of options that `check_lens` lets pass; `draw`: what is drawn of them."""
+    """The lens of options that passed `check_lens`; `draw`: the draw of random ones."""
     values = {name: each.value for name, each in options.items()}
     if draw is not None:
         from defocus_core.optics.distributions import Distribution, drawn
 
         focus = values.get("focus")
-        # The last key is 0 for ever: published data sets come out of it again
+        # The last key must stay 0, so that published data sets can be reproduced
         values = drawn(values, draw.seed, draw.picture, draw.index, 0)
         if isinstance(focus, Distribution) and focus.kind == "percentile":
             values["focus"] = Percentile(values["focus"])
@@ -289,7 +289,7 @@ _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 
 
 def distribution(name: str, text: str) -> Distribution | None:
-    """The distribution that an option is drawn from; None if the text is a plain value."""
+    """The distribution of an option; None if the text is a plain value."""
     call = _CALL.fullmatch(text)
     if not call:
         return None
@@ -317,7 +317,7 @@ def fields_of(layer: Layer) -> dict[str, Any]:
 
 
 def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Outputs:
-    """The outputs that options make of others; those that say nothing about them are refused.
+    """Outputs changed by options; options without effect on them are refused.
 
     `one_file`: the root may name the only file.
     """
@@ -335,7 +335,7 @@ def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Out
 
 
 def reading_of(*layers: Layer) -> Reading:
-    """The reading that options of all layers make."""
+    """The reading by options of all layers."""
     options = laid_over(*layers)
     reading = Reading(**fields_of(options))
     repair, width = reading.depth_repair, reading.edge_width
@@ -346,11 +346,11 @@ def reading_of(*layers: Layer) -> Reading:
 
 
 def _possible(value: Any) -> Sequence[Any]:
-    """A value; or all, or the ends, of those that a Distribution may draw."""
+    """The value, or all values or both ends of a Distribution."""
     kind = getattr(value, "kind", None)
     return (value,) if kind is None else () if kind == "percentile" else value.values
 
 
 def _named(option: str, place: Place) -> str:
-    """An option as it is named at a place."""
+    """The name of an option at a place."""
     return f"‹{option}›" if place.path is None else option

@@ -1,8 +1,7 @@
-"""Shots: the frames that decide together what each of them looks like.
+"""Shots: frames for which some decisions are taken together.
 
-Frame patterns make a shot. What is decided once for it comes from the first, the middle and the
-last frame that are there, whichever are rendered; so a frame looks the same alone as with the
-others.
+Frame patterns make a shot. These decisions come from the first, the middle and the last existing
+frame, whichever are rendered, so that a frame looks the same alone and with the others.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ def with_shot(
     *,
     moving: bool,
 ) -> list[Job]:
-    """The jobs of frames, each with the frames that decide what it looks like.
+    """The jobs of frames, each with the frames that decide for the shot.
 
-    `every`: all frames of the shot that are there, ascending; empty if there is no shot; `options`:
-    those of a shot; `moving`: whether the pixel in focus is another one in each frame.
+    `every`: all existing frames of the shot, ascending; empty without a shot; `options`: those of a
+    shot; `moving`: whether the pixel in focus changes from frame to frame.
     """
     if not every:
         for given in options.values():

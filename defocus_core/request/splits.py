@@ -1,12 +1,11 @@
-"""Splits of a dataset, as train and test: the scene of a picture decides, so that none leaks.
+"""Splits of a dataset, like train and test, by the scene of a picture, so that no scene leaks.
 
-``[split]`` of a jobs file has a share for each split, which add up to 1; or of some the number of
-scenes, which are the first by their hashes, beside shares of the others. It may have ``scene``, a
-pattern like ``*_##``: what its wildcards stand for in the name of a picture is the scene, and
-numbers of so many digits tell its pictures apart. Without it the name of a picture is its scene,
-and the frames of a shot are one. A hash of its name
-decides the split of a scene, so that it stays where it is whatever other scenes come and go; the
-counts are those of the shares in the long run. What the journal has of a scene stays, too.
+``[split]`` of a jobs file has a share for each split, with sum 1; or numbers of scenes for some
+splits (the first by hash) and shares for the others. It may have ``scene``, a pattern like ``*_##``
+for names of pictures: ``*`` is the scene, and each ``#`` a digit that tells its pictures apart.
+Without it the name of a picture is its scene, and the frames of a shot are one scene. A hash of its
+name decides the split of a scene, which therefore does not depend on other scenes; counts approach
+the shares for many scenes. A scene keeps the split that the journal has.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from defocus_core.system.text import counted, note
 
 _SCENE = "scene"
 _ROUNDING = 1e-6
-_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")  # what tells one from a pattern
+_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")  # characters that patterns do not have
 
 
 def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]:
-    """The split of each picture by ``[split]``; none without it."""
+    """The split of each picture by ``[split]``; empty without it."""
     fractions, counts = _shares(section)
     pattern, place = section.text(_SCENE), section.place(_SCENE)
     if pattern is not None:
@@ -53,13 +52,13 @@ def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]
     for name, count in counts.items():
         exact |= dict.fromkeys(first[len(exact) : len(exact) + count], name)
     names, ends = list(fractions), [*accumulate(fractions.values())]
-    for scene in first[len(exact) :]:  # shares may add up to a little less than 1
+    for scene in first[len(exact) :]:  # the sum of shares may be slightly below 1
         exact[scene] = names[min(bisect_right(ends, _place_of(scene)), len(names) - 1)]
     return [Split(exact[scene], scene, (*counts, *fractions)) for scene in scenes]
 
 
 def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
-    """The scene that a picture is of, by its name."""
+    """The scene of a picture, by its name."""
     name = picture.stem
     if pattern is None:
         return name if picture.frame is None else re.sub(r"\d+$", "", name)
@@ -71,7 +70,7 @@ def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
 
 
 def _place_of(scene: str) -> float:
-    """The place of a scene among all that there may be, from 0 to 1, by the hash of its name."""
+    """The place of a scene in the range from 0 to 1, by the hash of its name."""
     digest = blake2b(os.fsencode(scene), digest_size=8).digest()
     return int.from_bytes(digest, "big") / 2**64
 
@@ -79,12 +78,13 @@ def _place_of(scene: str) -> float:
 def with_recorded(
     jobs: Sequence[Job], recorded: Mapping[str, Collection[str]], *, all_scenes: bool = True
 ) -> list[Job]:
-    """Jobs whose scenes stay in the split that is recorded of their pictures, if it is one.
+    """Jobs whose scenes keep the recorded split of their pictures, if it still exists.
 
-    Lines say how many scenes stay where their hash would not put them, how many others are in
-    another split than before, and which splits have no scene.
+    Notes count scenes kept against their hash and scenes whose split changed, and name empty
+    splits.
 
-    `recorded`: splits by the name of a picture; `all_scenes`: whether the jobs are of all.
+    `recorded`: splits by the name of a picture; `all_scenes`: whether the jobs are those of all
+    scenes.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:
@@ -112,7 +112,7 @@ def with_recorded(
 
 
 def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
-    """The shares of splits, and the numbers of scenes of others, by name."""
+    """The shares of splits, and the numbers of scenes of other splits, by name."""
     fractions, counts = {}, {}
     for name, value in section.values.items():
         if name == _SCENE:
@@ -129,7 +129,7 @@ def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
             raise UsageProblem("malformed", problem, remedy, path=section.place(name))
         if is_count and {*section.values} - {_SCENE} != {name}:
             counts[name] = value
-        else:  # one alone is all of them
+        else:  # the only share has all scenes
             fractions[name] = float(value)
     if fractions and abs(sum(fractions.values()) - 1) > _ROUNDING:
         problem = f"has shares that add up to {sum(fractions.values()):g}"
@@ -140,7 +140,7 @@ def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
 
 
 def _refuse_expression(text: str, where: Place) -> None:
-    """Refuse a regular expression, which scenes were once, and a pattern without a wildcard."""
+    """Refuse regular expressions, the former syntax, and patterns without a wildcard."""
     is_expression = _OF_EXPRESSIONS.search(text)
     if is_expression or not has_wildcard(text):
         problem = "is a regular expression" if is_expression else "has no wildcard"

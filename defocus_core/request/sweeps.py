@@ -1,11 +1,11 @@
-"""Sweeps and draws of lens options: ``[sweep]`` and ``[sample]`` of a jobs file.
+"""Sweeps and random draws of lens options: ``[sweep]`` and ``[sample]`` of a jobs file.
 
 ``[sweep]`` gives an option a list of values, or a range like ``0.5m..8m @ 12 in disparity``;
 several options make a grid. ``lenses`` lists sets of options that belong together. The name of a
-lens holds what is swept and nothing else, so that it stays when a list grows.
+lens has the swept options alone, so that it does not change when a list grows.
 
 ``[sample]`` draws ``n`` lenses for each picture and each lens of the sweep, numbered in their
-names: ``_s000``. What is drawn depends on ``seed`` and that name alone. An option is drawn from
+names: ``_s000``. A draw depends on ``seed`` and that name alone. An option is drawn from
 ``uniform(a, b)``, ``loguniform(a, b)``, ``disparity(a, b)`` (a focus uniform in 1/distance),
 ``percentile(a, b)`` (a focus uniform in the percentile of the depth) or ``choice(a, b, …)``.
 """
@@ -39,7 +39,7 @@ _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
 
 
 def read_sweep(table: Table) -> dict[str, Layer]:
-    """The options of each lens of ``[sweep]`` by its suffix, the first option slowest."""
+    """The options of each lens of ``[sweep]`` by suffix; the first option varies slowest."""
     table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []
     for name in LENS_OPTIONS:
@@ -104,7 +104,7 @@ def _sets(table: Table) -> list[dict[str, Given]]:
 
 
 def _range(name: str, text: str, where: Place) -> list[Given]:
-    """The values of a range; its ends are as they are written, values between rounded."""
+    """The values of a range: ends as written, values between them rounded."""
     match = _RANGE.fullmatch(read_at(where, short, text).strip())
     if not match:
         raise UsageProblem("malformed", f"'{text}' is not a range", _RANGE_EXAMPLE, path=where)
@@ -145,7 +145,7 @@ _SAMPLE_KEYS = ("n", "seed", *LENS_OPTIONS)
 
 
 def read_sampling(table: Table) -> Sampling:
-    """The sampling of ``[sample]``; a count of 0 if there is no such table."""
+    """The sampling of ``[sample]``, with a count of 0 without such a table."""
     if not table.values:
         return Sampling()
     table.refuse_unknown(_SAMPLE_KEYS)

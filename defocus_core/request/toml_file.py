@@ -15,7 +15,7 @@ from defocus_core.request.quantities import read_at, text_of
 
 T = TypeVar("T")
 LARGEST_FILE = 2**26  # bytes
-_MAX_DOTS = 10**8  # sum of the squares of those of each line
+_MAX_DOTS = 10**8  # greatest sum of squared numbers of dots of lines
 
 
 def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str,
     """The tables and values of the bytes of a TOML file."""
     try:
         return loads(_text(data, file, what, remedy))
-    except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
+    except (ValueError, RecursionError) as error:  # ValueError for a number of 5000 digits
         raise InputError(
             "malformed", f"is not TOML: {reason(error)}", "mend that line", path=file
         ) from None
@@ -35,7 +35,7 @@ def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str,
 
 def loads(text: str) -> dict[str, Any]:
     """The tables and values of a text of TOML."""
-    # A key of n parts takes memory of n² bytes, and the square of a line of names is small.
+    # A key of n parts takes n² bytes of memory; lines of ordinary names stay far below.
     if sum(line.count(".") ** 2 for line in text.split("\n")) > _MAX_DOTS:
         raise ValueError("it has a line of too many dots")
     values = tomllib.loads(text)
@@ -56,11 +56,11 @@ class Table:
         return Place(self.file, f"[{self.name}]", key)
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
-        """Refuse keys other than ``known``, as the function does."""
+        """Refuse keys other than ``known``, as the function of that name."""
         refuse_unknown(self.values, known, self.place(), f"[{self.name}]")
 
     def text(self, key: str) -> str | None:
-        """A text, or None."""
+        """The text of a key, or None."""
         value = self.values.get(key)
         if value is None:
             return None
@@ -71,7 +71,7 @@ class Table:
         return value
 
     def texts(self, key: str) -> list[str]:
-        """A text, or several, as a list; an empty one if there is none."""
+        """The text or texts of a key, as a list; empty without it."""
         value = self.values.get(key, [])
         names = value if isinstance(value, list) else [value]
         if not all(isinstance(name, str) and name and "\0" not in name for name in names):
@@ -80,13 +80,13 @@ class Table:
         return names
 
     def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
-        """A quantity, or None."""
+        """The parsed quantity of a key, or None."""
         if key not in self.values:
             return None
         return read_at(self.place(key), parse, text_of(self.values[key]))
 
     def flag(self, key: str) -> bool | None:
-        """True or false, or None."""
+        """The true or false of a key, or None."""
         value = self.values.get(key)
         if value is None or isinstance(value, bool):
             return value
@@ -97,7 +97,7 @@ class Table:
 def refuse_unknown(
     keys: Iterable[str], known: Sequence[str], where: Place | Path, owner: str, what: str = "key"
 ) -> None:
-    """Refuse keys, or table names, of a file that are not known."""
+    """Refuse unknown keys, or table names, of a file."""
     for key in keys:
         if key not in known:
             known_as = f"{owner} knows {', '.join(known)}"
@@ -116,7 +116,7 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
 
 
 def _refuse_huge(value: Any) -> None:
-    """Refuse whole numbers of more than TOML's 64 bits, which no float may hold."""
+    """Refuse whole numbers of more than TOML's 64 bits, which may exceed a float."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError("it has a whole number of more than 64 bits")
     for each in value.values() if isinstance(value, dict) else value if type(value) is list else ():
@@ -124,10 +124,10 @@ def _refuse_huge(value: Any) -> None:
 
 
 def read_bytes(file: Path, what: str, remedy: str) -> bytes:
-    """The bytes of a TOML file, and one more than are read of any."""
+    """The bytes of a TOML file, up to one beyond the limit."""
     try:
         with open_plain(file) as opened:
-            return opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
+            return opened.read(LARGEST_FILE + 1)  # bounded, as for /dev/zero
     except OSError as error:
         raise cannot_read(file, error, remedy) from None
 

@@ -125,13 +125,13 @@ R --blades 2 → 2 malformed --blades: 2 blades make no opening; give 0 (round) 
 R --obstruction 2 → \
 2 malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 0.4
 R --noise 1000 → \
-2 malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like 4000:3
+2 malformed --noise: '1000' is not a sensor noise; write ELECTRONS:READ, like 4000:3
 R --depth-repair of → 2 unknown-name --depth-repair: 'of' is not known; did you mean off?
 R --depth-format kiti → \
 2 malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
 B wide.toml → \
-2 malformed wide.toml: [reading] edge-width: 101 px is a surface, and no edge; give 100px or less
+2 malformed wide.toml: [reading] edge-width: 101 px is a surface, not an edge; give 100px or less
 C --fail psnr>45 → \
 2 malformed --fail: 'psnr>45' is met by the better pictures: higher psnr is better; write psnr<45
 C --region 1,2,3 → \
