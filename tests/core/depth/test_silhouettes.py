@@ -117,11 +117,13 @@ def test_surfaces_and_hard_edges_stay(kind):
     assert with_hard_edges(radius, two_colors()) is radius
 
 
-@pytest.mark.parametrize("by", [-3, 2, 5])
-def test_hard_edges_that_are_all_displaced_alike_are_moved(by):
-    """As those of depth that was grown by some px."""
+@pytest.mark.parametrize("texture", [0.0, 0.3])
+@pytest.mark.parametrize("by", [-3, 1, 2, 5])
+def test_hard_edges_that_are_all_displaced_alike_are_moved(by, texture):
+    """As those of depth that was grown by some px; with texture a few of many edges decide."""
     radius = soft_depth(1, by).repeat(10, 1)
-    shifts = measured_shifts(radius, two_colors().repeat(1, 10, 1), 1, soft=None)
+    image = two_colors(texture=texture).repeat(1, 10, 1)
+    shifts = measured_shifts(radius, image, 1, soft=None)
     assert shifts.median == pytest.approx(by, abs=0.5)
 
 
