@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,7 +18,6 @@ from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.carried import CHANNELS, by_loops, carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.mixed import find_edges, take_apart
-from defocus_core.renderer.compositing.saturating_sum import ColorRange
 from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame
 from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
@@ -156,16 +156,16 @@ def _samples(layer: SampleLayer, channels: slice, step: int, unit: float) -> Sam
 
 def _bounds(frame: SharedFrame, channels: int, unit: float) -> Bounds:
     """The bounds of the views of a frame."""
-    like = torch.empty(channels, dtype=frame.dtype)
+    dtype = np.float64 if frame.dtype == torch.float64 else np.float32
     content, division = frame.content, frame.division
-    least, greatest = (
-        x.flatten().numpy() / unit for x in ColorRange.of(content.channels, like, content.minimum)
-    )
+    others = [(content.minimum, math.inf)] * (channels - len(content.channels))
+    every: NDArray[Any] = np.array([*content.channels, *others], dtype)
+    least, greatest = every.T / unit
     slack = [_SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
     more = _OVERSHOOT * (greatest - least)
-    ends = least - slack[0], greatest + slack[1], least - more, greatest + more
+    limits = least - slack[0], greatest + slack[1], least - more, greatest + more
     left = float(division.left_fraction) if frame.settings.left_right else 0.5
     apart = float(frame.settings.dual_pixel.apart)
     negative = (content.minimum - _NEGLIGIBLE * content.limit) / unit
-    range_ = np.stack(ends, 1).astype(np.float32)
+    range_ = np.stack(limits, 1).astype(np.float32)
     return Bounds(range_, content.minimum / unit, negative, left, apart)
