@@ -75,7 +75,7 @@ def desk(tmp_path, here):
         depth_exr(tmp_path / f"depth.{frame}.exr", depth)
     color_exr(tmp_path / "frames" / "a.exr")
     depth_exr(tmp_path / "depths" / "a.exr")
-    write_samples(tmp_path / "kitti.png", depth.shape, [kitti(depth)], "png", {})
+    write_samples(tmp_path / "kitti.png", kitti(depth), "png", {})
     disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))
     names = {"disparity.png": disparity, "matte.png": disparity, "photo.jpg": texture(320, 240)}
     for name, pixels in names.items():

@@ -46,7 +46,7 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
     with np.errstate(all="ignore"):  # differences may overflow
         factor, shown = amplified(pixels, apart)
     told = {KIND: DIFFERENCE, _AMPLIFICATION: f"{factor:g}"}
-    write_samples(png, pixels.shape, [shown], "png", told)
+    write_samples(png, shown, "png", told)
     return exr, png
 
 

@@ -196,4 +196,4 @@ def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
         cells = np.arange(_SHOWN) * len(light) // _SHOWN
         squares.append(light[np.ix_(cells, cells)] / light.max())
     shown = linear_to_srgb(np.concatenate(squares, axis=1).astype("float32"))
-    write_samples(path, shown.shape, iter([quantised(shown[..., None], 8)]), "png", {})
+    write_samples(path, quantised(shown[..., None], 8), "png", {})

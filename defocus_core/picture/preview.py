@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import bands, computed
+from defocus_core.io.arrays import computed
 from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
 from defocus_core.io.images.raster import PLAIN_CHANNELS
@@ -27,11 +28,8 @@ def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | No
     """
     channels = PLAIN_CHANNELS[pixels.shape[2]]
     to_srgb = srgb_matrix(path, channels, attributes or {})
-    encoded = (
-        display_encoded(pixels[rows], channels, 8, keep_alpha=False, to_srgb=to_srgb)[0]
-        for rows in bands(pixels.shape)
-    )
-    write_samples(path, pixels.shape[:2], encoded, "png", {})
+    encode = partial(display_encoded, channels=channels, bits=8, keep_alpha=False, to_srgb=to_srgb)
+    write_samples(path, computed(lambda rows: encode(rows)[0], pixels), "png", {})
 
 
 def write_depth_preview(path: Path, metres: Any) -> None:
@@ -47,8 +45,8 @@ def write_signed_preview(path: Path, radius: Any) -> None:
     The colours are symmetric about 0; full colour is the largest finite |radius|.
     """
     maximum = largest(radius)
-    encoded = (quantised(diverging(radius[rows], maximum), 8) for rows in bands(radius.shape))
-    write_samples(path, radius.shape, encoded, "png", {})
+    encoded = computed(lambda rows: quantised(diverging(rows, maximum), 8), radius)
+    write_samples(path, encoded, "png", {})
 
 
 def largest(values: NDArray[Any]) -> float:

@@ -89,7 +89,7 @@ def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
     cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)
     rows = [np.concatenate(cells[i : i + columns], 1) for i in range(0, len(cells), columns)]
     sheet = quantised(np.concatenate(rows), 8)
-    write_samples(path, sheet.shape[:2], iter([sheet]), "png", {KIND: CONTACT})
+    write_samples(path, sheet, "png", {KIND: CONTACT})
 
 
 def _lights(shipped: ShippedLens) -> NDArray[Any]:

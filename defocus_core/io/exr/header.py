@@ -348,7 +348,6 @@ CODECS = {
     "htj2k256": Codec(10, 256),
     "htj2k32": Codec(11, 32),
 }
-LARGEST_CHUNK = 256  # rows
 _LEVEL = "dwaCompressionLevel"  # attribute of a header
 
 

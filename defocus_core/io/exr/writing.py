@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.exr.header import (
-    LARGEST_CHUNK,
     STRUCTURAL,
     Codec,
     Raw,
@@ -36,16 +35,13 @@ def write_exr(
     attributes: Mapping[str, object],
     layout: Layout = Layout(),  # noqa: B008 - a constant
     compression: str = "zip",
-    strip_bytes: int = 1 << 25,
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
 
-    OpenEXR encodes strip after strip as a file of its own; their chunks under one header are the
-    file that it would write at once, byte for byte.
+    OpenEXR encodes a file of its own, whose chunks stand below the header that is wanted.
 
-    `channels`: name to float16, float32 or uint32 array [H, W], which is read in strips of rows;
-    of `attributes`, tags and profiles of photographs are left out; `strip_bytes`: of pixels that
-    are encoded at once.
+    `channels`: name to float16, float32 or uint32 array [H, W]; of `attributes`, tags and profiles
+    of photographs are left out.
     """
     own = {
         name: value
@@ -56,7 +52,7 @@ def write_exr(
     codec, level = codec_of(compression)
     plain = {name: value for name, value in own.items() if name not in carried} | level
     height, width = next(iter(channels.values())).shape
-    (x, y), offsets = layout.corner, b""
+    x, y = layout.corner
     whole = Window(x, y, x + width - 1, y + height - 1)
     windows = {
         name: Raw("box2i", struct.pack("<4i", *window))
@@ -65,19 +61,16 @@ def write_exr(
     if layout.views:
         texts = (struct.pack("<i", len(view)) + view.encode() for view in layout.views)
         carried["multiView"] = Raw("stringvector", b"".join(texts))
-    with written_whole(path) as file, quiet():
-        for strip_attributes, starts, chunks in _encoded_strips(
-            channels, plain, whole, codec, strip_bytes
-        ):
-            if not offsets:
-                file.write(header_bytes(strip_attributes | carried | windows))
-                table = file.tell()
-                file.write(bytes(8 * -(-height // codec.rows)))
-            offsets += (starts + file.tell()).astype("<u8").tobytes()
-            file.write(chunks)
-        file.seek(table)
-        file.write(offsets)
-        file.seek(0, io.SEEK_END)
+    corners = np.array(whole[:2], np.int32), np.array(whole[2:], np.int32)
+    plain["dataWindow"] = corners  # by which chunks count their rows
+    encoded = _encoded({n: np.ascontiguousarray(a) for n, a in channels.items()}, plain, codec)
+    encoded.seek(8)
+    header = header_bytes(read_attributes(encoded) | carried | windows)
+    offsets = np.frombuffer(encoded.read(8 * -(-height // codec.rows)), "<i8")
+    moved = len(header) + offsets.nbytes - encoded.tell()
+    with written_whole(path) as file:
+        file.write(header + (offsets + moved).tobytes())
+        file.write(encoded.getbuffer()[encoded.tell() :])
 
 
 def write_exr_image(
@@ -103,31 +96,18 @@ def write_exr_image(
     return [warning] if clamped else []
 
 
-def _encoded_strips(
-    channels: Mapping[str, Any],
-    attributes: Mapping[str, object],
-    whole: Window,
-    codec: Codec,
-    strip_bytes: int,
-) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
-    """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
+def _encoded(
+    channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, object], codec: Codec
+) -> io.BytesIO:
+    """The file that OpenEXR makes of channels and attributes, which are none of `Raw`."""
     with delayed_signals():
         import OpenEXR
 
     kind = {"compression": OpenEXR.Compression(codec.number), "type": OpenEXR.scanlineimage}
-    row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())
-    rows = max(1, strip_bytes // row_bytes // LARGEST_CHUNK) * LARGEST_CHUNK
-    for top in range(0, whole.height, rows):
-        strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
-        first, last = whole.y0 + top, min(whole.y0 + top + rows - 1, whole.y1)
-        corners = np.array([whole.x0, first], np.int32), np.array([whole.x1, last], np.int32)
-        encoded = io.BytesIO()
-        OpenEXR.File({**attributes, **kind, "dataWindow": corners}, strip).write(encoded)
-        encoded.seek(8)
-        strip_attributes = read_attributes(encoded)
-        count = -(-(last - first + 1) // codec.rows)
-        starts = np.frombuffer(encoded.read(8 * count), "<u8")
-        yield strip_attributes, starts - np.uint64(encoded.tell()), encoded.read()
+    encoded = io.BytesIO()
+    with quiet():
+        OpenEXR.File({**attributes, **kind}, channels).write(encoded)
+    return encoded
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:

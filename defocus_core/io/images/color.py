@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import bands, count_of
+from defocus_core.io.arrays import count_of
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     choose_color,
@@ -247,23 +248,15 @@ def _from_raster(path: Path, raster: Raster) -> Color:
         problem = f"has the curve {space.hdr} of HDR television, which is not decoded"
         raise InputError("unsupported", problem, "convert it to sRGB, or to linear EXR", path=path)
     every = read_samples(path, raster.page)
-    planes = tuple(np.zeros((len(channels), raster.height, raster.width), np.float32))
-    for rows in bands(every.shape):
-        samples = every[rows, :, which]
-        alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
-        pixels = linear_light(
-            samples if alpha is None else samples[:, :, :-1],
-            alpha,
-            gamma=space.gamma,
-            associated=raster.associated,
-        )
-        parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
-        for index, plane in enumerate(planes):
-            plane[rows] = parts[:, :, index]
+    alpha = unit(every[:, :, which[-1]]) if channels[-1] == "A" else None
+    decode = partial(linear_light, alpha=alpha, gamma=space.gamma, associated=raster.associated)
+    planes = np.empty((len(which), *every.shape[:2]), np.float32)
+    for plane, index in zip(planes, which, strict=True):
+        plane[:] = alpha if names[index] == "A" else decode(every[:, :, index])
     unheeded = f"its {space.unheeded} is not applied" if space.unheeded else ""
     warnings = (f"{unheeded}; convert it to sRGB, or to linear EXR",) if unheeded else ()
     return Color(
-        planes,
+        tuple(planes),
         channels,
         path,
         {**raster.tags, **space.attributes, **primaries_attribute(space.primaries)},

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -128,19 +127,16 @@ def _write_display(
     encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
     encode = partial(encode, to_srgb=to_srgb, gamma=gamma)
 
-    size = pixels[0].shape if isinstance(pixels, tuple) else pixels.shape[:2]
-
-    def encoded() -> Iterator[NDArray[Any]]:
-        nonlocal above, below, unknown
-        for rows in bands(size):
-            strip = _strip(pixels, rows)
-            dither = None if smooth is None or depth > 8 else _dither(rows, smooth[rows])
-            samples, *clipped = encode(strip, dither=dither)
-            unknown += int(np.isnan(strip).any(-1).sum())
-            above, below = above + clipped[0], below + clipped[1]
-            yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
-
-    write_samples(path, size, encoded(), codec, metadata)
+    planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
+    encoded = []
+    for rows in bands(planes[0].shape):
+        strip = np.stack([plane[rows] for plane in planes], axis=2)
+        dither = None if smooth is None or depth > 8 else _dither(rows, smooth[rows])
+        samples, *clipped = encode(strip, dither=dither)
+        unknown += int(np.isnan(strip).any(-1).sum())
+        above, below = above + clipped[0], below + clipped[1]
+        encoded.append(samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples)
+    write_samples(path, np.concatenate(encoded), codec, metadata)
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
@@ -161,12 +157,6 @@ def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
     y, x = np.arange(rows.start, rows.start + len(smooth))[:, None], np.arange(smooth.shape[1])
     offsets = ((0.5698402909980532 * y + 0.7548776662466927 * x) % 1 - 0.5) * _HALF_LEVEL * 2
     return (offsets * smooth).astype(np.float32)[:, :, None]
-
-
-def _strip(pixels: Any, rows: slice) -> NDArray[Any]:
-    """Rows of an image [h, W, C], which is an array [H, W, C] or a tuple of arrays [H, W]."""
-    whole: NDArray[Any] = pixels
-    return np.stack([p[rows] for p in pixels], axis=2) if isinstance(pixels, tuple) else whole[rows]
 
 
 def display_encoded(
@@ -202,49 +192,29 @@ def display_encoded(
 
 def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
     """Write an array [H, W] of numbers as a float32 TIFF, as they are, with a channel's name."""
-    strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
     # no predictor: not all read it
     named: dict[str, str | int] = {"tiff:predictor": 1, OWN_CHANNEL: f"{OWN}{channel}"}
-    write_samples(path, plane.shape, strips, "tiff", named)
+    write_samples(path, plane[..., None].astype("float32"), "tiff", named)
 
 
-def write_samples(
-    path: Path,
-    size: tuple[int, int],  # (height, width)
-    samples: Iterable[NDArray[Any]],
-    codec: str,
-    attributes: Attributes,
-) -> None:
-    """Write uint8, uint16 or float32 samples as they are.
-
-    `samples`: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
-    """
+def write_samples(path: Path, samples: NDArray[Any], codec: str, attributes: Attributes) -> None:
+    """Write uint8, uint16 or float32 samples [H, W, C] as they are; alpha is unassociated."""
     with written_whole(path) as file:
-        encode(path, file, size, samples, codec, attributes)
+        encode(path, file, samples, codec, attributes)
 
 
 def encode(
-    path: Path,
-    file: BinaryIO,
-    size: tuple[int, int],
-    samples: Iterable[NDArray[Any]],
-    codec: str,
-    attributes: Attributes,
+    path: Path, file: BinaryIO, samples: NDArray[Any], codec: str, attributes: Attributes
 ) -> None:
     """Encode samples into a new file, and read them back; ``path`` stands in errors.
 
     The encoder of PNG says nothing of a full disk, that of JPEG ends the process, and that of WEBP
     never ends: a file that there is no room for is refused before.
     """
-    strips = iter(samples)
-    first = next(strips)
-    spec = _spec(size, first, codec, attributes)
+    spec = _spec(samples, codec, attributes)
     _require_room(file, 2 * spec.image_bytes() + _OTHER_BYTES)
     name = f"/dev/fd/{file.fileno()}"  # which no link leads elsewhere
-    error = _encoder_error(name, spec, chain([first], strips), codec)
-    if not error:
-        error = _reader_error(Path(name), size)
-    if error:
+    if error := _encoder_error(name, spec, samples, codec) or _reader_error(Path(name)):
         problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
         raise InputError("unwritable", problem, "write EXR instead", path=path)
 
@@ -258,41 +228,33 @@ def _require_room(file: BinaryIO, count: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def _encoder_error(target: str, spec: Any, samples: Iterable[NDArray[Any]], codec: str) -> str:
+def _encoder_error(target: str, spec: Any, samples: NDArray[Any], codec: str) -> str:
     """Encode samples to a file; what the encoder complains about, empty if nothing."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    row = 0
     with quiet():
         output = oiio.ImageOutput.create(codec)
         assert output is not None, f"OpenImageIO without {codec}"
-        done = output.open(target, spec)
-    for strip in samples:
-        with quiet():
-            rows = np.ascontiguousarray(strip)
-            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
-        row += len(strip)
-    with quiet():
+        done = output.open(target, spec) and output.write_image(np.ascontiguousarray(samples))
         return "" if done and output.close() else output.geterror() or "no reason given"
 
 
-def _reader_error(name: Path, size: tuple[int, int]) -> str:
+def _reader_error(name: Path) -> str:
     """What the reader of a file complains about, empty if all its rows are decoded."""
     try:
         with quiet(), opened_image(name, partial(damaged, name)) as file:
             spec = file.spec()
-            every = (0, spec.width), (0, spec.nchannels)
-            for rows in bands(size):
-                decode_window(name, file, 0, (rows.start, rows.stop), *every, str(spec.format))
+            every = (0, spec.height), (0, spec.width), (0, spec.nchannels)
+            decode_window(name, file, 0, *every, str(spec.format))
     except InputError as error:
         return f"it cannot be read back, {error.problem}"
     return ""
 
 
-def _spec(size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Attributes) -> Any:
+def _spec(samples: NDArray[Any], codec: str, attributes: Attributes) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 
-    (height, width), count = size, samples.shape[2]
+    height, width, count = samples.shape
     number_type = "float" if samples.dtype.kind == "f" else samples.dtype.name
     spec = oiio.ImageSpec(width, height, count, number_type)
     spec.channelnames = tuple(PLAIN_CHANNELS[count])

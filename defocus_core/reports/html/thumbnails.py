@@ -116,7 +116,6 @@ def _jpeg(samples: NDArray[np.uint8]) -> bytes:
 
 def encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None = None) -> bytes:
     """The file of samples [H, W, C]."""
-    path, (height, width) = Path(f"thumbnail.{codec}"), samples.shape[:2]
     with tempfile.TemporaryFile() as file:
-        encode(path, file, (height, width), [samples], codec, settings or {})
+        encode(Path(f"thumbnail.{codec}"), file, samples, codec, settings or {})
         return file.read()

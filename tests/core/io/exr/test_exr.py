@@ -217,11 +217,9 @@ def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path):
     assert all((part.channels[name][:] == plane).all() for name, plane in planes.items())
 
 
-@pytest.mark.parametrize("rows", [256, 512, 10_000])
-def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path):
+def test_a_file_is_that_which_openexr_writes_but_for_its_header(tmp_path):
     planes, corner = mixed_planes((600, 20)), (-3, 5)
-    strip_bytes = rows * 20 * sum(plane.dtype.itemsize for plane in planes.values())
-    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner), strip_bytes=strip_bytes)
+    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner))
     window = box(-3, 5, 16, 604)
     told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
     OpenEXR.File(told, planes).write(str(tmp_path / "b.exr"))
@@ -241,7 +239,7 @@ def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path):
 @pytest.mark.parametrize("name", [*CODECS, "dwaa:300"])
 def test_each_codec_makes_the_file_that_openexr_writes_at_once(name, tmp_path):
     planes = random_planes("RGBZ", (600, 8))
-    write_exr(tmp_path / "a.exr", planes, {}, compression=name, strip_bytes=1)
+    write_exr(tmp_path / "a.exr", planes, {}, compression=name)
     codec, level = codec_of(name)
     kind = {"compression": OpenEXR.Compression(codec.number), "type": OpenEXR.scanlineimage}
     OpenEXR.File({**kind, **level}, planes).write(str(tmp_path / "b.exr"))
