@@ -1,4 +1,4 @@
-"""A batch and the processes that do it: run it, and go on where it was stopped."""
+"""A batch and its processes: run it, or resume it."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from defocus_core.request.origin import JobsSource
 from defocus_core.system import memory
 from defocus_core.system.process import cores
 
-# A core more for each process saves more than a thread more in it, for these wait for one another;
-# but each should find this much memory.
+# Another process saves more time than another thread, since threads wait for one another,
+# but each process should have this much memory.
 ROOM_MB = 2000
-MANY = 64  # workers of a cluster, whose number may change
+MANY = 64  # assumed number of workers of a cluster, which may change
 _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
 
 
@@ -37,10 +37,10 @@ class WorkerConfig:
     """The processes that compute."""
 
     scheduler: str  # ``local``, or the address of a Dask scheduler
-    processes: int | None  # on this machine; None for as many as suit it
-    threads: int | None = None  # of each; None for what makes use of all cores
-    device: str = "auto"  # or cpu, or cuda
-    memory: int | None = None  # bytes of each process; None for its share of what is available
+    processes: int | None  # on this machine; None for a suitable number
+    threads: int | None = None  # of each process; None to use all cores
+    device: str = "auto"  # auto, cpu or cuda
+    memory: int | None = None  # bytes of each process; None for its share of the available memory
     tile: int | None = None  # px on a side of a tile; None for the usual
 
     @property
@@ -56,8 +56,8 @@ class WorkerConfig:
     def count(self) -> int:
         """The number of processes, counted once, since free memory changes.
 
-        One for a GPU; else the cores divided by the threads, or without a number of threads one for
-        each core, as far as memory goes: a core left over costs less than one process fewer.
+        One for a GPU; else the cores divided by the threads or, without a number of threads, one
+        for each core, as far as memory allows.
         """
         if self.processes is not None:
             return self.processes
@@ -71,7 +71,7 @@ class WorkerConfig:
 
     @property
     def spread(self) -> int:
-        """Over how many workers the jobs of one picture are to be spread."""
+        """The number of workers that share the jobs of one picture."""
         return self.count if self.scheduler == "local" else MANY
 
     def execute(self) -> Execute:
@@ -93,17 +93,17 @@ Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 
 
 def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False) -> list[Job]:
-    """The jobs of a batch, to look at, or to choose from before `run_batch` does them.
+    """The jobs of a batch, to inspect or select before `run_batch`.
 
     Args:
         jobs: A jobs file; its tables, as ``{"inputs": {"color": …, "depth": …}, "lens": {…}}``; or
-            jobs, which are to write to ``out``.
+            jobs that write to ``out``.
         out: Directory to write to.
-        overwrite: Whether they are to be done again, whatever was done before.
+        overwrite: Whether to do all again, also finished ones.
 
     Raises:
         InputError: A file cannot be read or is missing, or files do not pair up.
-        UsageProblem: A key is unknown, a value makes no sense, or two contradict each other.
+        UsageProblem: A key is unknown, a value invalid, or two contradict each other.
     """
     return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine(), None)[0]
 
@@ -111,7 +111,7 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
 def _asked(
     jobs: Jobs, outputs: Outputs, machine: Machine, shard: Shard | None
 ) -> tuple[list[Job], JobsSource | None]:
-    """The jobs of a batch, done by a machine, and what of they were made if it can be kept."""
+    """The jobs of a batch for a machine, and their source if it can be kept."""
     if isinstance(jobs, str | PathLike | Mapping):
         asked = jobs if isinstance(jobs, Mapping) else Path(jobs)
         return read_batch(asked, outputs, machine, shard)
@@ -144,38 +144,36 @@ def run_batch(
     hash_inputs: bool = False,
     ended: Callable[[Job, Record], None] | None = None,
 ) -> Summary:
-    """Do the jobs of a batch that are not done yet, and write the index of its samples.
+    """Do the unfinished jobs of a batch, and write the index of its samples.
 
-    Called again, it goes on where it was stopped: what is done is not done again, unless its
-    inputs, settings or outputs changed; what failed is tried again. `samples` reads the result.
+    Called again, it resumes: finished jobs are done again only if their inputs, settings or outputs
+    changed; failed ones are tried again. `samples` reads the result.
 
     Args:
-        jobs: As of `batch_jobs`.
+        jobs: As for `batch_jobs`.
         out: Directory to write to, ``OUT/<kind>/<sample>.<ext>``, with the journal.
         processes: 1 renders in this process. More are faster for many pictures, but start this
             program again: it needs ``if __name__ == "__main__":``.
-        threads: Of each process; None for what makes use of all cores.
+        threads: Threads of each process; None to use all cores.
         device: auto, cpu or cuda.
-        memory: Bytes that each process may take; None for most of what is available.
-        shard: Do only the k-th of n parts, ``(k, n)``; `defocus merge` makes one of all.
-        limit: Do at most so many jobs, and leave the rest.
-        fail_fast: Whether the rest is left if a job fails.
-        overwrite: Whether all is done again, whatever was done before.
-        new_only: Whether what has outputs stays as it is, whatever changed.
-        hash_inputs: Whether bytes of inputs are compared with those of before, not only their
-            size and time.
-        ended: Called with each job that came to its end, and its record of the journal: its
-            ``status`` is ok or failed, its ``end`` says why, or what was taken.
+        memory: Bytes that each process may take; None for most of the available memory.
+        shard: Do only the k-th of n parts, ``(k, n)``; `defocus merge` joins them.
+        limit: Greatest number of jobs to do; the rest is left.
+        fail_fast: Whether to stop if a job fails.
+        overwrite: Whether to do all jobs again, also finished ones.
+        new_only: Whether to keep existing outputs, whatever changed.
+        hash_inputs: Whether to detect changed inputs by content, not only by size and time.
+        ended: Called with each job that ended and its record of the journal: ``status`` is ok or
+            failed, ``end`` has the reason or the picture.
 
     Returns:
-        How many ``jobs`` there are; how many were done before (``skipped``) and are ``left``; the
-        others by status, ``statuses["ok"]`` and ``["failed"]``, and by
-        ``reasons``; ``seconds``.
+        The numbers of all ``jobs``, of those finished before (``skipped``) and ``left``; of the
+        others by status, ``statuses["ok"]`` and ``["failed"]``, and by ``reasons``; ``seconds``.
 
     Raises:
-        InputError: A file cannot be read, or something that must not be touched is in the way.
-        UsageProblem: The jobs make no sense.
-        KeyboardInterrupt: Ctrl-C; what had been begun was finished first, unless it came twice.
+        InputError: A file cannot be read, or a foreign file is in the way.
+        UsageProblem: The jobs are invalid.
+        KeyboardInterrupt: Ctrl-C; begun pictures are finished first, unless it comes twice.
     """
     if device not in DEVICES:
         remedy = f"choose from {', '.join(DEVICES)}"

@@ -1,7 +1,7 @@
 """``OUT/README.md``: a finished batch for people, and for the `datasets` of Hugging Face.
 
-Its head is YAML, as dataset cards have it, and names the lists of the splits. A README.md without
-the line that says whose it is stays as it is.
+Its head is the YAML of dataset cards, with the lists of the splits. A README.md without the line
+that names defocus as its author is not replaced.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from defocus_core.system.text import note
 README = "README.md"
 _OWN = "---\n# Written by defocus; without this line it stays as it is.\n"
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
-_MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
+_MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # special characters of Markdown
 
 
 def write(
@@ -31,10 +31,10 @@ def write(
     pictures: Collection[str],
     made_by: Collection[str],
 ) -> list[Path]:
-    """Write the README.md of ``count`` samples, unless it is another's.
+    """Write the README.md of ``count`` samples, unless OUT has a foreign one.
 
     `lists`: name of the list of each split; `pictures`: patterns of the files to decode;
-    `made_by`: what made them, with its versions.
+    `made_by`: the program and versions that made them.
     """
     if not is_free(out, README, lambda file: file.read(len(_OWN)) == _OWN.encode()):
         note(f"{out / README}: is not of this batch, and stays; no card is written for people")
@@ -72,12 +72,12 @@ def write(
 
 
 def _plain(text: str) -> str:
-    """A text in one line that Markdown shows as it is."""
+    """A text in one line, escaped for Markdown."""
     return _MARKUP.sub(r"\\\g<0>", one_line(text))
 
 
 def _fenced(text: str, language: str) -> str:
-    """A text as a block of code, under a fence that it does not hold."""
+    """A text as a block of code, within a fence that does not occur in it."""
     fence = "`" * (1 + max(2, *map(len, re.findall("`+", text)), 0))
     return f"{fence}{language}\n{text}\n{fence}"
 

@@ -30,18 +30,18 @@ from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES
 
 @dataclass(frozen=True)
 class Sample:
-    """One picture as one lens took it.
+    """One picture by one lens.
 
     Attributes:
         sample_id: name of the sample, the stem of its files.
         files: the file of each kind.
         inputs: the input file of each role: color, depth, those of hidden and over, and
-            depth_sidecar, depth_mask of depth formats that have them.
+            depth_sidecar or depth_mask of some depth formats.
         lens: the lens, with the focus distance in mm.
         size: width and height in px.
         coc_px: smallest and largest signed radius of the blur.
-        quality: of the rendering.
-        record: its whole line of the index.
+        quality: quality of the rendering.
+        record: its line of the index.
     """
 
     sample_id: str
@@ -58,7 +58,7 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
     """The samples of a finished batch in ``out``, sorted by name.
 
     Raises:
-        InputError: there is no index in ``out``, as of a batch that was cut off, or a line of it is
+        InputError: there is no index in ``out``, as after an interrupted batch, or a line of it is
             broken.
     """
     with _opened(Path(out)) as lines:
@@ -67,9 +67,9 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
 
 
 class SampleList:
-    """Samples of a finished batch, each read where it is asked for: a few bytes a sample.
+    """Samples of a finished batch, each read on access; holds a few bytes per sample.
 
-    It holds where the lines of an index begin, so that copies in other processes cost as little.
+    It holds the offsets of the lines of the index, so that copies in other processes are small.
     """
 
     def __init__(self, out: Path, wanted: Callable[[Mapping[str, Any]], bool]) -> None:
@@ -77,7 +77,7 @@ class SampleList:
 
         Args:
             out: The folder of the batch.
-            wanted: Whether a sample is listed, by its line of the index.
+            wanted: Tells from the line of a sample whether to list it.
 
         Raises:
             InputError: As of `samples`.
@@ -98,8 +98,8 @@ class SampleList:
         """A sample.
 
         Raises:
-            InputError: The index was written again since, or a line of it is broken.
-            IndexError: There are not so many.
+            InputError: The index has changed since, or a line of it is broken.
+            IndexError: The index is out of range.
         """
         offset = self._offsets[index]
         with _opened(self._out) as lines:
@@ -124,7 +124,7 @@ def _opened(root: Path) -> Iterator[BinaryIO]:
 
 
 def _stamp(file: BinaryIO) -> tuple[int, int, int]:
-    """What changes when the index is written again."""
+    """A stamp that changes when the index is written again."""
     status = os.fstat(file.fileno())
     return status.st_ino, status.st_size, status.st_mtime_ns
 

@@ -30,7 +30,7 @@ from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
 
 NAME = INDEX
-_OWN = (b'"sample_id": ', b'"coc_min_px": ')  # what a line of ours has
+_OWN = (b'"sample_id": ', b'"coc_min_px": ')  # the keys of our lines
 _LONGEST_LINE = 2**24  # bytes
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 MM_PER_M = 1000.0
@@ -38,9 +38,9 @@ _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR de
 
 
 def newest(records: Iterable[Record]) -> Iterator[Record]:
-    """The last record of each sample; those that took nothing are no samples.
+    """The last record of each sample; failed jobs are not samples.
 
-    `records`: of the journal by name, oldest first.
+    `records`: records of the journal by name, oldest first.
     """
     pictures = (r for r in records if r.taken and not r.outputs.keys().isdisjoint(KINDS))
     for _, mine in groupby(pictures, lambda record: record.sample_id):
@@ -49,12 +49,12 @@ def newest(records: Iterable[Record]) -> Iterator[Record]:
 
 
 def is_own(out: Path, name: str = NAME) -> bool:
-    """Whether a list of samples in OUT is of a batch, by its first line, or holds nothing."""
+    """Whether a list of samples in OUT is empty or, by its first line, that of a batch."""
     return is_free(out, name, lambda file: is_own_line(file.readline(_LONGEST_LINE)))
 
 
 def is_free(out: Path, name: str, is_own: Callable[[BinaryIO], bool]) -> bool:
-    """Whether a file of OUT is missing, or one of ours."""
+    """Whether a file of OUT is missing, or written by a batch."""
     try:
         with Folder(out).open(name) as file:
             return is_own(file)
@@ -63,12 +63,12 @@ def is_free(out: Path, name: str, is_own: Callable[[BinaryIO], bool]) -> bool:
 
 
 def is_own_line(line: bytes) -> bool:
-    """Whether a line is one of an index, or none."""
+    """Whether a line is empty or a line of an index."""
     return not line or all(key in line for key in _OWN)
 
 
 def listed(out: Path) -> set[str] | None:
-    """The names of the samples in the index of OUT; None if it has none of ours."""
+    """The names of the samples in the index of OUT; None without an index of a batch."""
     with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         if is_own(out):
             with Folder(out).open(NAME) as file:
@@ -77,7 +77,7 @@ def listed(out: Path) -> set[str] | None:
 
 
 def split_lists(out: Path) -> Iterator[str]:
-    """The names of the lists of splits in OUT, those of others left out."""
+    """The names of the lists of splits in OUT, without foreign ones."""
     with suppress(OSError):
         names = Folder(out).names()
         yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
@@ -94,7 +94,7 @@ def line(entry: Mapping[str, Any]) -> bytes:
 
 
 def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
-    """What the index says of a sample."""
+    """The entry of a sample in the index."""
     taken = _pictures(record)
     outputs = {kind: taken.outputs[kind] for kind in KINDS if kind in taken.outputs}
     paths = {kind: stamp.path for kind, stamp in outputs.items()}
@@ -119,7 +119,7 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
         "coc_max_px": float(far),
         **{name: taken.measures.get(name) for name in MEASURES},
         "quality": record.quality,
-        # What was repaired of the depth, and the share of the pixels that it changed.
+        # The repairs of the depth, and the share of the changed pixels.
         "depth_repaired": list(repair.get("kinds", ())),
         "depth_repaired_share": repair.get("share"),
         "warnings": list(taken.warnings),
@@ -132,20 +132,20 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
 
 
 def made_by(record: Record) -> str:
-    """What made a sample, in words."""
+    """The program and versions that made a sample, in words."""
     taken, renderer = _pictures(record), f"renderer {record.renderer} ({_pictures(record).back})"
     return ", ".join(filter(None, [f"defocus {record.version}", renderer, taken.software]))
 
 
 def decoded(path: str) -> bool:
-    """Whether image libraries without EXR decode a file of this name."""
+    """Whether image libraries without EXR can decode a file of this name."""
     return path.endswith(_DECODED)
 
 
 def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
-    """A lens as the journal has it, each number a float; infinity is 0 dioptres, and null mm.
+    """A lens of the journal, with floats; infinity is 0 dioptres, and null in mm.
 
-    Beside a file of radii, whose lens is the shape of its opening alone, the others are null.
+    With a file of radii, numbers other than the shape of the opening are null.
     """
     focus = None if lens["focus_mm"] in ("inf", None) else float(lens["focus_mm"])
     dioptres = None if lens["focus_mm"] is None else 0.0 if focus is None else MM_PER_M / focus
@@ -166,15 +166,15 @@ def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-# Of a row, those of the sample and of its lens, which none lacks.
+# Columns of the sample and of its lens that every row has.
 _COLUMNS = ("sample_id", "width", "height", "coc_min_px", "coc_max_px", "quality")
 _OF_LENS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_dioptres", "blades")
 
 
 def row_of(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """An entry as a row of a table: columns that all samples have, each of one type, no lists.
+    """An entry as a row of a table: the columns of all samples, each of one type, no lists.
 
-    An effect of the lens that may be off is text, empty where it is.
+    An effect of the lens is text, empty if off.
     """
     lens = {key: entry["lens"][key] for key in _OF_LENS}
     for name, default in EFFECTS.items():
@@ -185,17 +185,17 @@ def row_of(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def list_line(entry: Mapping[str, Any]) -> bytes:
-    """A line of the list of a split, of a sample of the index."""
+    """The line of a sample in the list of its split."""
     names = {k: v for k, v in entry.items() if k.endswith("file_name") and decoded(v)}
     return line({**names, **row_of(entry)})
 
 
 def tar_line(entry: Mapping[str, Any]) -> bytes:
-    """What a tar says of a sample: its row, and the hashes of its files."""
+    """The JSON of a sample in a tar: its row, and the hashes of its files."""
     return line({**row_of(entry), "blake2b": entry["outputs_blake2b"]})
 
 
 def list_name(split: str) -> str:
     """The name of the list of a split."""
-    # Of "train.jsonl" `datasets` would guess that it is all of a split, as of any such name.
+    # `datasets` would take any name like "train.jsonl" for all of a split.
     return f"{split}set.jsonl"

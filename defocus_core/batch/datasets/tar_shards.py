@@ -1,10 +1,10 @@
 """WebDataset shards of a finished batch: ``OUT/shards/samples-000000.tar``, ….
 
-Of a dataset with splits each has shards of its own, ``trainset-000000.tar``, …. Each sample is
+Each split has its own shards, ``trainset-000000.tar``, …. Each sample is
 ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its row and the hashes of these.
-The key is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same
-samples make the same bytes, and a shard that holds the lines of its samples is not packed again.
-Samples are sorted by name, or shuffled by the seed ``shuffle`` of ``[dataset]``.
+The key is the sample_id with _ for each dot, as readers of such tars split at the first dot. The
+same samples make the same bytes, and a shard that holds the lines of its samples is not packed
+again. Samples are sorted by name, or shuffled by the seed ``shuffle`` of ``[dataset]``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 @dataclass(frozen=True)
 class ShardSample:
-    """A sample in a tar: what it says of it, and path and size of each file by its ending."""
+    """A sample in a tar: its JSON, and path and size of each file by its ending."""
 
     key: str
     split: str  # empty for none
@@ -44,7 +44,7 @@ class ShardSample:
     files: Mapping[str, tuple[str, int]]
 
     def members(self, out: Path) -> Iterator[tuple[tarfile.TarInfo, bytes]]:
-        """Header, without time and owner, and bytes of each member, by name."""
+        """The header (without time and owner) and bytes of each member, by name."""
         for end in sorted([*self.files, "json"]):
             path, size = self.files.get(end, ("", len(self.line)))
             data = _read(out, path) if path else self.line
@@ -55,7 +55,7 @@ class ShardSample:
 
     @property
     def packed(self) -> int:
-        """Bytes that it takes in a tar."""
+        """The size of the sample in a tar, in bytes."""
         sizes = {"json": len(self.line)} | {end: size for end, (_, size) in self.files.items()}
         headers = (_header(f"{self.key}.{end}", size) for end, size in sizes.items())
         named = sum(len(header.tobuf(tarfile.PAX_FORMAT)) for header in headers)
@@ -85,7 +85,7 @@ def write(out: Path, limit: int) -> list[Path]:
 
 
 def _lines(below: Folder, name: str, maximum: int | None = None) -> list[bytes] | None:
-    """What a tar says of its first samples; None if it is missing, cut, or no tar."""
+    """The JSON of the first samples in a tar; None if it is missing, truncated, or not a tar."""
     with (
         suppress(OSError, tarfile.TarError),
         below.open(name) as file,
@@ -105,7 +105,7 @@ def exist(out: Path) -> bool:
 
 
 def foreign(out: Path) -> str | None:
-    """The name of a tar in the place of a shard that no batch has written; None if all are ours."""
+    """The name of a foreign tar in the place of a shard; None if there is none."""
     for name in filter(_NAME.fullmatch, Folder(out).names(FOLDER)):
         lines = _lines(Folder(out), f"{FOLDER}/{name}", 1)
         if not lines or not sample_index.is_own_line(lines[0]):
@@ -114,7 +114,7 @@ def foreign(out: Path) -> str | None:
 
 
 def _samples(out: Path) -> Iterator[ShardSample]:
-    """The samples of the index by split, sorted or shuffled, each read when it is asked for."""
+    """The samples of the index by split, sorted or shuffled, each read on access."""
     shuffle = origin_of(out).shuffle
     with Folder(out).open(sample_index.NAME) as index:
         begins = [0, *accumulate(len(line) for line in index)]
@@ -147,7 +147,7 @@ def keys_of(names: Sequence[str], out: Path) -> list[str]:
 def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:
     """The name and the samples of each shard: as many of a split as fit."""
     for split, mine in groupby(samples, lambda sample: sample.split):
-        # "train" between two signs would tell `datasets` that the folder has that split alone.
+        # "train" between two separators would tell `datasets` that the folder has only that split.
         prefix = f"{split}set" if split else "samples"
         for number, shard in enumerate(_filled(mine, limit)):
             yield f"{prefix}-{number:06}.tar", shard
@@ -189,7 +189,7 @@ def _size(out: Path, name: str) -> int:
     try:
         return Folder(out).path(name).lstat().st_size
     except OSError as error:
-        if path.is_symlink():  # which may lead to any file of this machine
+        if path.is_symlink():  # it may lead to any file of this machine
             problem, remedy = "is a symbolic link, not an output", "put the file itself there"
             raise InputError("link", problem, remedy, path=path) from None
         raise _gone(path, error) from None

@@ -1,4 +1,4 @@
-"""A finished batch as a dataset of torch: pictures, maps and lens of a sample as tensors."""
+"""A finished batch as a torch dataset: pictures, maps and lens of a sample as tensors."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class BatchDataset(Dataset[Item]):
     pictures, numbers of maps as they are, radii in px; ``lens``, of scalar tensors ``fnum``,
     ``foclen`` in mm, ``sensor_width`` in mm, that of the crop, and ``focus_dioptres`` in 1/m, 0 at
     infinity; ``place``, int64 [4], the top row, the left column, the height and the width in px of
-    the crop in the sample; and ``sample_id``. Of a batch beside a file of radii the numbers of the
+    the crop in the sample; and ``sample_id``. If the batch had files of radii, the numbers of the
     lens are NaN.
 
-    Shuffling is the loader's, ``DataLoader(…, shuffle=True, generator=…)``. Crops are drawn by
-    seed, epoch and index, whatever process draws them.
+    The loader shuffles, ``DataLoader(…, shuffle=True, generator=…)``. Crops depend on seed, epoch
+    and index, not on the process.
     """
 
     def __init__(
@@ -55,18 +55,18 @@ class BatchDataset(Dataset[Item]):
 
         Args:
             out: Its folder.
-            kinds: Of output, as render, left, right, coc; image and depth of a batch with
-                ``inputs = "copy"``; and labels that it carries, whose numbers are as they are.
+            kinds: Kinds of output, as render, left, right, coc; image and depth of a batch with
+                ``inputs = "copy"``; and carried labels, with unchanged numbers.
             split: One of its splits; None for all samples.
-            crop: Height and width in px of a piece that is drawn from each sample, one number for
-                a square; None for the whole, which a loader can only join if all have one size.
+            crop: Height and width in px of a random crop of each sample, one number for a square;
+                None for the whole, which a loader can only join if all have one size.
             seed: Of the crops.
-            transform: Of an item, after the crop.
+            transform: Function of an item, after the crop.
 
         Raises:
             InputError: There is no index, or no sample has all of the kinds or is in the split, or
                 one is smaller than the crop.
-            UsageProblem: A kind is none.
+            UsageProblem: A kind is unknown.
         """
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
         self.crop = (crop, crop) if isinstance(crop, int) else crop
@@ -92,24 +92,24 @@ class BatchDataset(Dataset[Item]):
                 f"it has {', '.join(sorted(kinds_there))}, in splits {', '.join(sorted(splits))}"
             )
             raise InputError("empty", problem, remedy, path=Path(out))
-        # How often each was taken in this epoch: processes of a loader share it, also those that
-        # stay. Then the epoch, -1 where none was said.
+        # Counts of accesses of each sample in this epoch, shared by processes of a loader, also
+        # persistent ones; then the epoch, -1 if not set.
         self._times_read = torch.zeros(len(self.samples) + 1, dtype=torch.int64)
         self._times_read[-1] = -1
         self._times_read.share_memory_()  # type: ignore[no-untyped-call]
         self._rank = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Draw the crops of an epoch, counted from 0: the same in every process.
+        """Set the epoch, counted from 0, whose crops are then the same in every process.
 
-        Without it, samples that were taken before have other crops, and so has each process of a
-        distributed training, which does not know what others took.
+        Without it, each further access of a sample draws another crop, and so does each process of
+        a distributed training.
         """
         self._times_read[:-1] = 0
         self._times_read[-1] = epoch
 
     def __getstate__(self) -> dict[str, Any]:
-        """What processes of a loader get, which do not know their rank themselves."""
+        """The state for processes of a loader, which do not know their rank."""
         return self.__dict__ | {"_rank": self._rank or _rank()}
 
     def __len__(self) -> int:
@@ -119,7 +119,7 @@ class BatchDataset(Dataset[Item]):
         """The item of a sample.
 
         Raises:
-            InputError: A file cannot be read, or has another size than the index says.
+            InputError: A file cannot be read, or differs in size from the index.
             IndexError: There are not so many.
         """
         sample = self.samples[index]
@@ -160,7 +160,7 @@ class BatchDataset(Dataset[Item]):
 
 
 def _rank() -> int:
-    """The number of this process in a distributed training; 0 of none."""
+    """The number of this process in a distributed training, else 0."""
     if torch.distributed.is_available() and torch.distributed.is_initialized():
         return torch.distributed.get_rank()
     return int(os.environ.get("RANK", 0))
@@ -193,7 +193,7 @@ def _planes(path: Path, kind: str) -> Any:
     return read_samples(path).transpose(2, 0, 1)[:1].astype(np.float32)
 
 
-# Of the lens of an item, and in the index; null beside a file of radii.
+# Keys of the lens in an item and in the index; null with a file of radii.
 _NUMBERS = {
     "fnum": "fnumber",
     "foclen": "focal_length_mm",
@@ -203,19 +203,18 @@ _NUMBERS = {
 
 
 def _lens(told: Mapping[str, float | None], fraction: float = 1.0) -> dict[str, Tensor]:
-    """The numbers of the lens in front of a fraction of the width of its sensor."""
+    """The numbers of the lens for a fraction of the width of its sensor."""
     values = {name: math.nan if (v := told[key]) is None else v for name, key in _NUMBERS.items()}
     values["sensor_width"] *= fraction
     return {name: torch.tensor(float(value)) for name, value in values.items()}
 
 
 def decode_sample(sample: Mapping[str, Any]) -> Item:
-    """The item of a sample of a tar, as `BatchDataset` gives it, of its files as they are.
+    """The item of a sample of a tar, as of `BatchDataset`, without a crop.
 
     Args:
-        sample: The bytes of each file by its ending, as ``render.png`` and ``json``, of
-            `webdataset` and of `datasets`, whose images are not to be decoded; other keys are left
-            out.
+        sample: The bytes of each file by its ending, as ``render.png`` and ``json``, from
+            `webdataset` or `datasets` with undecoded images; other keys are ignored.
 
     Raises:
         InputError: A file cannot be read.

@@ -1,8 +1,8 @@
-"""The dataset in OUT: its index is removed when a run begins, and written when it ends.
+"""The dataset in OUT: the beginning of a run removes the index, and its end writes it.
 
-An index that is there is true. A batch lists what it asks for: a picture or lens that was taken out
-of the jobs file is no sample any more, though its files stay. Where several jobs files write to one
-OUT, the last one counts; `defocus merge` lists all of them.
+An existing index is valid. It lists the jobs of the batch: a picture or lens that was removed from
+the jobs file is not listed, though its files stay. If several jobs files write to one OUT, the last
+one counts; `defocus merge` lists all.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from defocus_core.system.text import counted, note
 
 
 def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) -> None:
-    """Refuse an OUT in which the index or shards are not of a batch, or cannot be.
+    """Refuse an OUT whose index or shards are foreign, or cannot be written.
 
-    `packed`: names of the samples for which shards are asked for; None for no shards.
+    `packed`: names of the samples to pack; None for no shards.
     """
     lists = [sample_index.NAME, *map(sample_index.list_name, sorted(splits - {""}))]
     names = [name for name in lists if not sample_index.is_own(out, name)]
@@ -42,7 +42,7 @@ def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) ->
 
 
 def withdraw(out: Path) -> set[str] | None:
-    """Remove the index before samples change; the names of those it had, None if there was none."""
+    """Remove the index before samples change; returns its names, None without an index."""
     names = sample_index.listed(out)
     if names is not None:
         for name in (sample_index.NAME, *sample_index.split_lists(out)):
@@ -54,7 +54,7 @@ def withdraw(out: Path) -> set[str] | None:
 def index(
     out: Path, shards_size: int | None = None, asked: Collection[str] | None = None
 ) -> list[Path]:
-    """Write the index, its card, and tars if asked for.
+    """Write the index, its card, and tars if requested.
 
     `shards_size`: greatest size of a tar in bytes; None for no tars; `asked`: names of the samples
     to list, as far as they are done; None for all in OUT.
@@ -98,7 +98,7 @@ def _written(out: Path, records: Iterable[Record]) -> list[Path]:
 
 
 def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
-    """The records of samples whose files are all in OUT; how many are not is said."""
+    """The records of samples whose files are all in OUT; the others are counted in a note."""
     gone = list[str]()
     for name, mine in groupby(records, lambda record: record.sample_id):
         every = [*mine]

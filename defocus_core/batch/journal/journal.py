@@ -1,11 +1,11 @@
-"""What was done: the journal of OUT, a durable JSON line for each job that ended.
+"""The journal of OUT: a durable JSON line for each job that ended.
 
-``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
-of a batch did since. A last line that is no JSON is a record whose writer died: it is ignored, and
-cut off before the next record is appended. Where records speak of the same file, the last holds.
+``OUT/journal.jsonl`` holds the records of a single process, ``OUT/journal-2of8.jsonl`` later ones
+of that shard of a batch. A last line that is not JSON is a record whose writer died: it is ignored,
+and cut off before the next record is appended. Of several records of a file, the last one counts.
 
-A line holds the fields of `record`. A `Ledger` reads lines as a stream, and keeps of a record where
-it stands.
+A line holds the fields of `record`. A `Ledger` reads lines as a stream, and keeps the offset of
+each record.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections
 
 _SAMPLE = re.compile(rb'"sample_id": ?("(?:[^"\\]|\\.)+")')
-MAX_SHARDS = 999_999  # as many as can be asked for
+MAX_SHARDS = 999_999  # greatest number of shards
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
-_PREVIEW = f"{PREVIEW}.png"  # ends the names of previews
-_TAIL = 2**16  # bytes that are looked at first for the beginning of the last line
+_PREVIEW = f"{PREVIEW}.png"  # ending of the names of previews
+_TAIL = 2**16  # bytes that are searched first for the beginning of the last line
 NO_JSON = (DecodeError, UnicodeDecodeError, RecursionError)
 
 
@@ -74,13 +74,13 @@ def require_journal(out: Path, pattern: str = "journal*.jsonl") -> None:
 class Line(NamedTuple):
     """A line of a journal."""
 
-    begin: int  # where it begins, in bytes
+    begin: int  # offset in bytes
     record: Record
     text: bytes
 
 
 class JournalFile:
-    """The lines of a journal, one after another, or each by where it begins."""
+    """The lines of a journal, in order, or by offset."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -96,7 +96,7 @@ class JournalFile:
             finalize(self, self._file.close)
 
     def lines(self) -> Iterator[Line]:
-        """Each line but blank ones, and one whose writer died."""
+        """The lines except blank ones and one whose writer died."""
         linked, start = linked_folders(self.path.parent), 0
         lines = enumerate(self._file or (), 1)
         for number, text in lines:
@@ -126,7 +126,7 @@ class JournalFile:
 
 
 def _sample_words(line: bytes) -> str:
-    """The name of the sample in a line that is no record, as far as it can be read."""
+    """The name of the sample in a broken line, as far as it can be read."""
     name = _SAMPLE.search(line)
     with suppress(ValueError):
         return f", of {decode(name[1])}," if name else ""
@@ -134,17 +134,17 @@ def _sample_words(line: bytes) -> str:
 
 
 class Ledger:
-    """The records of the journals of OUT, the last of a file the true one.
+    """The records of the journals of OUT; the last record of a file counts.
 
     A record names all files that its job writes; of records that name the same file the last one
-    counts. A record of pictures is superseded when none of them is left but previews; a record
-    without outputs, as soon as another one names any of its files. Kept of a record are its files,
-    and where its line begins: some 300 bytes.
+    counts. A record of pictures is superseded when later records have all of them but previews; a
+    record without outputs, as soon as another one names any of its files. The ledger keeps the
+    files and the offset of a record, some 300 bytes.
 
     Attributes:
         splits: the splits that pictures were in, by their stems.
-        last: by file, relative to OUT, the number of the record that holds for it.
-        outcomes: how the job of each record ended.
+        last: number of the valid record by file, relative to OUT.
+        outcomes: the outcome of the job of each record.
     """
 
     def __init__(
@@ -153,16 +153,16 @@ class Ledger:
         *,
         is_empty: bool = False,
     ) -> None:
-        """Read the journals; those of shards follow, as a run on all of OUT joins them first.
+        """Read the journals of OUT, then those of shards.
 
-        `is_empty`: no journal counts, as beside a picture that has none.
+        `is_empty`: ignore journals, as for a picture that has none.
         """
         self.out = out
         self.splits: dict[str, tuple[str, ...]] = {}
         self.last: dict[str, int] = {}
         self.outcomes: list[Outcome] = []
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
-        # Of each record its sample, where its line begins, in which journal; how many files it has
+        # of each record: sample, offset, journal, number of files
         self._samples: list[str] = []
         self._begins, self._of, self._files = array("Q"), array("L"), array("H")
         parts = [] if is_empty else [None, *shards(out)]
@@ -195,19 +195,19 @@ class Ledger:
                 self.splits[stem] += (record.split,)
 
     def counts(self) -> Counter[str]:
-        """How many records there are of each sample."""
+        """The number of records of each sample."""
         return Counter(self._samples)
 
     def is_ok(self, number: int | None) -> bool:
-        """Whether a record is of pictures; not if there is none."""
+        """Whether a record has pictures; false without a record."""
         return number is not None and self.outcomes[number].status == "ok"
 
     def is_known(self, path: str) -> bool:
-        """Whether a record has a file, relative to OUT, as written."""
+        """Whether a record lists a file, relative to OUT, as written."""
         return path in self._once or self.is_ok(self.last.get(path))
 
     def number_of(self, paths: Iterable[str]) -> int | None:
-        """The number of the record that holds for all of these files; None if there is none."""
+        """The number of the valid record of all of these files, or None."""
         numbers = {self.last.get(path) for path in paths}
         return numbers.pop() if len(numbers) == 1 else None
 
@@ -217,7 +217,7 @@ class Ledger:
         return reader.record(self._begins[number])
 
     def record_of(self, paths: Iterable[str]) -> Record:
-        """The record that holds for all of these files, which there is."""
+        """The valid record of all of these files, which must exist."""
         number = self.number_of(paths)
         assert number is not None
         return self.record(number)
@@ -231,7 +231,7 @@ class Ledger:
                 yield number
 
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
-        """The records that are not superseded by name, oldest first, with the outputs of theirs.
+        """The live records by name, oldest first, with their live outputs.
 
         `only`: names of samples; None for all.
         """
@@ -245,7 +245,7 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """Status and reason of a job, as `status` counts them, and what rendered it."""
+    """Status, reason and back of a job, as counted by `status`."""
 
     status: str
     reason: str | None
@@ -253,7 +253,7 @@ class Outcome(NamedTuple):
 
 
 def input_path(path: Path, out: Path) -> str:
-    """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
+    """The path of an input in a journal: as given if absolute, else relative to OUT."""
     text = str(path)
     if path.is_absolute():
         return text
@@ -264,7 +264,7 @@ def input_path(path: Path, out: Path) -> str:
 @lru_cache(maxsize=1024)
 def _input_folder(folder: str, out: Path, base: str) -> str:
     """A folder relative to OUT, with a slash at its end; both paths are relative to ``base``."""
-    # What is above a linked folder is what is above that which the link leads to.
+    # The parent of a linked folder is that of the target of the link.
     parts = Path(folder).parts
     ups = max((place for place, part in enumerate(parts, 1) if part == ".."), default=0)
     start = Path(base, *parts[:ups]).resolve()
@@ -273,12 +273,12 @@ def _input_folder(folder: str, out: Path, base: str) -> str:
 
 
 class Journal:
-    """A journal that records are appended to. Its one writer holds the lock of OUT."""
+    """A journal to append records to. Its one writer holds the lock of OUT."""
 
     def __init__(self, path: Path, began: Callable[[], bool] = lambda: False) -> None:
-        """Open it.
+        """Open the journal.
 
-        `began`: whether outputs are there, of which an empty journal says that they are its own.
+        `began`: whether outputs exist, which an empty journal then claims as its own.
         """
         self.path, self._began = path, began
         self._new = not path.exists()
@@ -289,7 +289,7 @@ class Journal:
             raise unwritable(path, error) from error
 
     def append(self, record: Record) -> None:
-        """Add a record; when this returns, no crash loses it."""
+        """Append a record, which is durable when this returns."""
         line = line_of(record)
         end = os.fstat(self._number).st_size
         try:
@@ -319,7 +319,7 @@ class Journal:
                 self.path.unlink()
 
     def _require_in_place(self) -> None:
-        """Refuse to go on where nobody will find what is written."""
+        """Raise if the journal was removed or replaced."""
         if not is_at(self.path, self._number):
             problem = "was removed or replaced while jobs were done"
             raise InputError(
@@ -327,7 +327,7 @@ class Journal:
             )
 
     def _cut_torn_tail(self) -> None:
-        """Remove a record that was being written when its writer died; end the last whole line."""
+        """Remove a record whose writer died while writing; end the last whole line."""
         size = os.fstat(self._number).st_size
         last, begin = b"", size
         while begin and b"\n" not in last.rstrip(b"\n"):
@@ -339,7 +339,7 @@ class Journal:
             try:
                 decode(last)
             except ValidationError:
-                pass  # whoever reads it tells of that
+                pass  # its reader reports it
             except NO_JSON:
                 os.ftruncate(self._number, begin)
                 return

@@ -1,4 +1,4 @@
-"""How far a batch is: jobs by how they ended, open runs, and shards, made one by `merge`."""
+"""The progress of a batch: jobs by outcome, open runs, and shards, which `merge` joins."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class Progress:
 
     statuses: Counter[str]  # number of jobs by status
     reasons: Counter[str]  # number of jobs without outputs, by reason
-    left: int = 0  # jobs that runs set out to do and did not do yet
-    # How many of these count among ``statuses``, too: inputs or settings changed, or they
+    left: int = 0  # jobs of open runs that are not done
+    # How many of these are in ``statuses``, too: inputs or settings changed, or they
     # failed
     again: int = 0
     running: list[str] = field(default_factory=list)  # the processes that hold a lock, in words
-    # Numbers of the parts that have begun, and of how many; None if not in parts
+    # Numbers of the begun shards, and the number of all; None without shards
     shards: tuple[list[int], int] | None = None
-    # The records that failed, the last ones, oldest first
+    # The last records that failed, oldest first
     failures: list[Record] = field(default_factory=list)
 
     @property
@@ -49,7 +49,7 @@ class Progress:
 
 
 def progress(out: Path, failures: int) -> Progress:
-    """Read the journals of OUT as a stream, without a lock; it keeps so many failures."""
+    """Read the journals of OUT as a stream, without a lock, and keep the last failures."""
     require_journal(out, "*journal*.[jr]*")
     divided = shards(out)
     parts = (None, *divided)
@@ -83,7 +83,7 @@ class Merged(NamedTuple):
 
 
 def merge(out: Path) -> Merged:
-    """Put the records of all shards into the journal of OUT, and remove theirs."""
+    """Merge the journals of all shards into that of OUT, and remove them."""
     require_journal(out)
     with locked(out):
         parts = gather(out)

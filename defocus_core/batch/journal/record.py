@@ -1,10 +1,10 @@
-"""The record of a job, a line of a journal: what it was asked, what it was made of, how it ended.
+"""The record of a job, a line of a journal: request, inputs, outputs and outcome.
 
 `record_of` makes a `Record` of a line, and `line_of` the line of one: the fields of `Asked`, and
 those of `Taken` or `Failed`, as its status says. ``defocus help batch`` explains them.
-A journal may come from anywhere, so each value is checked: its type, its range, that it is finite.
-An output is a file in the folder of its kind in OUT, and no other file: outputs are packed into
-shards, and removed when they are replaced. Index and ``--json`` are views of records.
+Journals are not trusted: type, range and finiteness of each value are checked.
+An output must be a file in the folder of its kind in OUT, since outputs are packed into shards, and
+removed when replaced. Index and ``--json`` are views of records.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 Number = float | None
 Pixels = Annotated[int, Meta(gt=0)]
-Moment = Annotated[datetime, Meta(tz=True)]  # one without a zone cannot be compared
+Moment = Annotated[datetime, Meta(tz=True)]  # a time without a zone cannot be compared
 
 
 class Stamp(Struct, frozen=True, omit_defaults=True):
-    """A file as it was: what tells whether it is still the same."""
+    """The identity of a file, to detect changes."""
 
-    path: str = ""  # of an output relative to OUT; of an input as given if absolute, else to OUT
+    path: str = ""  # an output relative to OUT; an input as given if absolute, else relative to OUT
     size: int | None = None  # bytes
-    mtime_ns: int | None = None  # time of modification; None of a file too new to go by it
+    mtime_ns: int | None = None  # time of modification; None for a file too new to rely on it
     blake2b: str | None = None  # hash of its bytes
 
 
@@ -66,7 +66,7 @@ Stamps = Mapping[str, Stamp]  # by role of an input, or kind of an output and ki
 
 
 class Repair(TypedDict, total=False):
-    """What was repaired of a depth, as `repair_record` has it."""
+    """The repair of a depth, as of `repair_record`."""
 
     kinds: list[str]
     noise_px: Number
@@ -76,7 +76,7 @@ class Repair(TypedDict, total=False):
 
 
 class Seconds(TypedDict, total=False):
-    """How long the steps of a job took, and the CPU time of rendering."""
+    """The times of the steps of a job, and the CPU time of rendering."""
 
     render: Required[float]
     read: float
@@ -85,19 +85,19 @@ class Seconds(TypedDict, total=False):
 
 
 class Taken(Struct, frozen=True, kw_only=True):
-    """A picture that was taken: its outputs are in place."""
+    """A rendered picture, whose outputs are in place."""
 
     inputs: dict[str, Stamp]
     outputs: dict[str, Stamp]
-    lens: dict[str, Any]  # what it turned out to be, as `lens_record`
+    lens: dict[str, Any]  # the lens with its focus, as of `lens_record`
     size: tuple[Pixels, Pixels]
     coc_px: tuple[float, float]
     color_note: str = ""
     depth_note: str
     depth_repair: Repair | None = None
     device: str
-    back: str = "torch"  # what rendered it, of records that name none, too
-    software: str = ""  # the libraries that computed; of early records empty
+    back: str = "torch"  # the back that rendered it
+    software: str = ""  # the libraries that computed; empty in early records
     measures: dict[str, Number] = {}
     warnings: tuple[str, ...]
     seconds: Seconds
@@ -108,7 +108,7 @@ class Taken(Struct, frozen=True, kw_only=True):
 
 
 class Failed(Struct, frozen=True):
-    """A job that made nothing."""
+    """A job without outputs."""
 
     reason: str
     message: str
@@ -121,7 +121,7 @@ class Failed(Struct, frozen=True):
     seconds: ClassVar[Mapping[str, float]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What is sent to another process: exceptions of libraries may not be."""
+        """The state for other processes, without the exception, which may not pickle."""
         return Failed, (self.reason, self.message, self.inputs, self.outputs, self.trace)
 
 
@@ -130,12 +130,12 @@ _UNKEPT = ("end", "stats", "trace", "error")
 
 
 class Asked(Struct, frozen=True, kw_only=True):
-    """What a job was asked for, as of each record."""
+    """The request of a job."""
 
     sample_id: Annotated[str, Meta(pattern="^[^/]*$")]
     split: Annotated[str, Meta(pattern=rf"^(?:{SPLIT_NAME.pattern})?\Z")] = ""  # empty for none
     recipe: str
-    status: Literal["ok", "failed", "rejected"]  # rejected is failed, as of early versions
+    status: Literal["ok", "failed", "rejected"]  # rejected means failed, in early versions
     settings: dict[str, Any]
     quality: str
     version: str
@@ -144,23 +144,23 @@ class Asked(Struct, frozen=True, kw_only=True):
 
 
 class Record(Asked, frozen=True, kw_only=True):
-    """How a job ended."""
+    """The request and outcome of a job."""
 
     end: End
 
     @property
     def taken(self) -> Taken | None:
-        """What was taken; None of a job that made nothing."""
+        """The picture; None for a failed job."""
         return self.end if isinstance(self.end, Taken) else None
 
     @property
     def inputs(self) -> Stamps:
-        """Its inputs by role."""
+        """The inputs by role."""
         return self.end.inputs
 
     @property
     def outputs(self) -> Stamps:
-        """Its outputs by kind, or kind.preview; of a job that made nothing the paths alone."""
+        """The outputs by kind, or kind.preview; for a failed job only the paths."""
         return self.end.outputs
 
     def with_files(self, *, inputs: Stamps | None = None, outputs: Stamps | None = None) -> Record:
@@ -170,14 +170,14 @@ class Record(Asked, frozen=True, kw_only=True):
 
 
 class _Draw(Struct):
-    """The draw of a lens, as `lens_record` has it."""
+    """The draw of a lens in `lens_record`."""
 
     seed: int
     index: int
 
 
 class _Lens(Struct):
-    """What `lens_record` has of every lens, but its effects; beside a file of radii None."""
+    """The fields of `lens_record` except effects; None with a file of radii."""
 
     focal_length_mm: Number
     fnumber: Number
@@ -191,7 +191,7 @@ class _Lens(Struct):
 
 
 class _Settings(Struct):
-    """What is read of settings, which are else compared alone."""
+    """The settings that are read; others are only compared."""
 
     stem: str = ""
     lens: dict[str, Any] | None = None
@@ -205,11 +205,11 @@ NO_LINKS: frozenset[str] = frozenset()
 def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
     """The record of a line.
 
-    `linked`: the kinds whose folder in OUT is a link: OUT may be one, what lies below it may not.
+    `linked`: the kinds whose folder in OUT is a link, which is refused; OUT itself may be a link.
 
     Raises:
-        ValidationError: It is JSON, but no record.
-        DecodeError, UnicodeDecodeError, RecursionError: It is no JSON.
+        ValidationError: It is JSON, but not a record.
+        DecodeError, UnicodeDecodeError, RecursionError: It is not JSON.
     """
     asked = _ASKED.decode(line)
     end: End = _TAKEN.decode(line) if asked.status == "ok" else _FAILED.decode(line)
@@ -232,7 +232,7 @@ def require_outputs(outputs: Stamps, linked: frozenset[str]) -> None:
 
 
 def output_fault(path: object) -> str | None:
-    """What is wrong with the path of an output, as ``leads upwards``; None if it is one of OUT."""
+    """The problem of the path of an output, as ``leads upwards``, or None."""
     fault = path_fault(path)
     if fault is not None:
         return fault
@@ -246,7 +246,7 @@ def linked_folders(out: Path) -> frozenset[str]:
 
 
 def _require_lens(lens: dict[str, Any]) -> None:
-    """Refuse a lens of which no words can be made: what its effects hold, their rows know."""
+    """Refuse a lens that cannot be put into words; the rows of its effects check them."""
     of_all = convert(lens, _Lens)
     optics = (of_all.focal_length_mm, of_all.fnumber, of_all.sensor_width_mm, of_all.focus_mm)
     effects = {type(value) for key, value in lens.items() if key not in _Lens.__struct_fields__}
@@ -266,20 +266,20 @@ def line_of(record: Record) -> bytes:
 
 
 def now() -> datetime:
-    """The time, UTC, as records have it."""
+    """The time in UTC, as in records."""
     moment = datetime.fromtimestamp(time.time(), UTC)
     return moment.replace(microsecond=moment.microsecond // 1000 * 1000)
 
 
 def failure(error: Exception, stage: Stage, inputs: Stamps) -> Failed:
-    """The end of a job of which an exception ended a stage."""
+    """The end of a job with an exception in a stage."""
     reason = _reason(error, stage)
     trace = "".join(traceback.format_exception(error)) if reason == "fault" else ""
     return Failed(reason, error_line(error), dict(inputs), trace=trace, error=error)
 
 
 def error_line(error: BaseException) -> str:
-    """An exception in one line, ``SUBJECT: problem; remedy`` where a user can mend it."""
+    """An exception in one line, ``SUBJECT: problem; remedy`` for mistakes of users."""
     if isinstance(error, DefocusError):
         return str(error)
     if isinstance(error, OSError) and error.filename:

@@ -1,16 +1,14 @@
-"""Why a job is done again: its settings, its inputs, its outputs or the renderer changed.
+"""Reasons to do a job again: changed settings, inputs, outputs or renderer.
 
-A job is done once. It is done again if what was asked for changed, if an input has other bytes, if
-an output is not as it was written, if it failed, or if the renderer makes other pictures by now;
-`AGAIN` has the words.
+A job is done again if it failed, if its request changed, if an input has other bytes, if an output
+is not as it was written, or if the version of the renderer changed; `AGAIN` has the words.
 
-The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
-kinds and types of outputs, quality, the names of its files, and the version of the renderer. Where
-it computes (device, threads), where OUT is and what time it is are no part of it.
+The recipe is the hash of everything that decides its outputs except the contents of the inputs:
+lens, reading, kinds and types of outputs, quality, the names of its files, and the version of the
+renderer. Device, threads, the path of OUT and the time are not part of it.
 
-A file is taken for unchanged if its size and its time of modification are those recorded, and as
-well if only its time differs and its bytes hash to what was recorded: a copied data set is not
-rendered again.
+A file counts as unchanged if its size and time of modification are those recorded, or if only its
+time differs and its bytes have the recorded hash, so that a copied data set is not rendered again.
 """
 
 from __future__ import annotations
@@ -39,16 +37,16 @@ from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.text import version
 
 DIGEST = 16  # bytes of a hash
-CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
+CLOCK_TICK = 50_000_000  # ns, more than the resolution of times of any file system
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
-# Where OUT is, and where a lens stands, not what it is.
+# Fields that are places, and not settings.
 _PLACES = ("root", "overwrite", "focus_source", *LENS_FILES)
 _PLAIN = frozenset({str, int, bool, type(None)})
 
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
 def _plain(value: LensValues | Reading | Outputs) -> dict[str, Any]:
-    """A part of a job as plain values, but where it stands."""
+    """A part of a job as plain values, without places."""
     return {k: v for k, v in plain(value).items() if k not in _PLACES}
 
 
@@ -67,7 +65,7 @@ def settings(job: Job) -> dict[str, Any]:
 
 
 def _shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
-    """What a job takes of its shot, by frame; the files of the frames are inputs."""
+    """The settings that a job takes from its shot, by frame; files of frames are inputs."""
     sample = [[each.picture.frame, _plain(each.lens)] for each in shot.sample]
     return {"frame": frame, "sample": sample, "shares_focus": shot.shares_focus}
 
@@ -75,7 +73,7 @@ def _shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
 def changed_settings(
     old: Mapping[str, Any], new: Mapping[str, Any]
 ) -> Iterator[tuple[str, object, object]]:
-    """The settings that differ, by names like lens.fnum: what each was, and what it is."""
+    """The differing settings, by names like lens.fnum: old and new value."""
     was, now = _flat(old), _flat(new)
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
@@ -112,8 +110,8 @@ def versions() -> dict[str, Any]:
 def stamp(path: Path, root: Path | None = None) -> Stamp:
     """Size, time of modification and hash of a file, without its path.
 
-    `root`: the folder that it lies below, no link of which is followed; None for a file that the
-    user named.
+    `root`: the folder above it, below which links are not followed; None for a file that the user
+    named.
     """
     below = root and path.relative_to(root).as_posix()
     with Folder(root).open(below) if root and below else open_plain(path) as file:
@@ -123,7 +121,7 @@ def stamp(path: Path, root: Path | None = None) -> Stamp:
 
 
 def settled_stamp(path: Path) -> Stamp:
-    """The `stamp` of a file, without a time so recent that a later change could have the same."""
+    """The `stamp` of a file, without a time so recent that a later change could share it."""
     status = path.stat()
     if abs(time.time_ns() - status.st_mtime_ns) < CLOCK_TICK:
         return replace(stamp(path), mtime_ns=None)
@@ -136,7 +134,7 @@ def _stamped(path: Path, *_status: int) -> Stamp:
 
 
 def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
-    """Whether a file is as it was recorded.
+    """Whether a file is unchanged since it was recorded.
 
     `read`: compare the bytes even if size and time are those recorded.
     """
@@ -176,7 +174,7 @@ def _fields(kind: type) -> tuple[tuple[str, object], ...]:
     return tuple((each.name, each.default) for each in dataclasses.fields(kind))
 
 
-# Words of the reasons, in the order in which they are looked for.
+# The words of the reasons, in the order of the checks.
 AGAIN = {
     "failed": "failed before",
     "settings": "settings",
@@ -190,14 +188,14 @@ class Decision(NamedTuple):
     """Whether a job is done."""
 
     is_done: bool
-    again: str = ""  # why it is done again, in words; empty if it is done, or new
-    moved: Stamps | None = None  # what its record is to say: inputs that lie elsewhere by now
+    again: str = ""  # reason to do it again, in words; empty if it is done, or new
+    moved: Stamps | None = None  # new inputs of its record, if they have moved
 
 
 def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> Decision:
-    """Whether a job is done: an ``ok`` or a rejection that would be the same again.
+    """Whether a job is done, with the reason to do it again if not.
 
-    If the sample is of another split, its record is to say so, too.
+    If the sample has moved to another split, its record is updated, too.
 
     `read_inputs`: compare the bytes of the inputs, not only size and time.
     """
@@ -224,14 +222,14 @@ def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> Decision:
 
 
 def moved_record(job: Job, ledger: Ledger, moved: Stamps) -> Record:
-    """The record of a job that is done, as it is now: where its inputs lie, and its split."""
+    """The record of a finished job, updated with its inputs that have moved, and its split."""
     record = ledger.record_of(job.names.values())
     record = record.with_files(inputs={**record.inputs, **moved})
     return replace(record, split=job.split.name)
 
 
 def _changed(job: Job, record: Record) -> str:
-    """Why a job is done again whatever its files hold: a key of `AGAIN`; empty if it is not."""
+    """The reason to do a job again regardless of its files, a key of `AGAIN`, or empty."""
     if record.status == "failed":
         return "failed"
     if record.recipe == recipe(job):
@@ -244,15 +242,15 @@ def _changed(job: Job, record: Record) -> str:
 
 
 def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[str, Stamp] | None:
-    """The inputs of a record that lie elsewhere by now; None if one is another."""
+    """The inputs of a record that have moved; None if one has changed."""
     moved = {}
     for role, path in job.files.items():
         stamp = record.inputs.get(role, Stamp())
-        # Size and time say nothing of a file that was elsewhere: archives give all one time.
+        # Size and time do not identify a moved file: archives may give all files one time.
         elsewhere = stamp.path != (place := input_path(path, out))
         if not unchanged(path, stamp, read=read_inputs or elsewhere):
             if not path.exists() and record.taken is not None:
-                continue  # an input that is gone cannot change the outputs
+                continue  # a missing input cannot change the outputs
             return None
         if elsewhere:
             moved[role] = replace(stamp, path=place)
@@ -260,7 +258,7 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
 
 
 def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> None:
-    """Refuse to replace outputs of another picture, and, if asked, those of another lens."""
+    """Refuse to replace outputs of another picture and, with ``keep_lenses``, of another lens."""
 
     def taken(asked: Mapping[str, Any]) -> tuple[Any, Any]:
         return asked.get("lens") or {}, (asked.get("reading") or {}).get("view")

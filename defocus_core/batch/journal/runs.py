@@ -1,9 +1,9 @@
-"""Runs on OUT: the lock of its one writer, the notes of runs, and what killed ones leave.
+"""Runs on OUT: the lock of its writer, the notes of runs, and leftovers of killed ones.
 
-The system holds the lock on the file, and lets go of it when the process ends, however that ends.
-``.journal.lock`` is for all of OUT, ``.journal-2of8.lock`` for a shard of a batch. Shards of one
-division run side by side; nothing else does. A run notes the names of its jobs in
-``OUT/.journal.run``, until all are done.
+The system holds the lock on the file, and releases it when the process ends in any way.
+``.journal.lock`` is for all of OUT, ``.journal-2of8.lock`` for a shard of a batch. Only shards of
+one division may run at the same time. A run notes the names of its jobs in ``OUT/.journal.run``,
+until all are done.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from defocus_core.io.safe_files import (
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.text import note
 
-PATIENCE = 0.2  # seconds in which a holder may be gone that only looked whether there is one
+PATIENCE = 0.2  # seconds to wait for a holder that only tests the lock
 _HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,100}")
-_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of file systems without
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # errors of file systems without locks
 Check = Callable[[], None]
-INDEX, SHARDS_FOLDER = "metadata.jsonl", "shards"  # of a data set, and of its tars
+INDEX, SHARDS_FOLDER = "metadata.jsonl", "shards"  # temporary files of a data set and of its tars
 
 
 def lock_path(out: Path, shard: Shard | None = None) -> Path:
@@ -51,7 +51,7 @@ def lock_path(out: Path, shard: Shard | None = None) -> Path:
 def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
     """Hold the lock of an existing OUT, or of a shard, while the block runs.
 
-    `shard`: which part of a batch; None for all of it.
+    `shard`: the part of a batch; None for the whole.
     """
     path = lock_path(out, shard)
 
@@ -61,7 +61,7 @@ def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
             raise InputError("unwritable", problem, remedy, path=path)
 
     with _held(path) as number:
-        for other in sorted(out.glob(".journal*.lock")):  # those of killed ones go
+        for other in sorted(out.glob(".journal*.lock")):  # remove those of killed runs
             of_same_division = shard is not None and other.name.endswith(f"of{shard.of}.lock")
             if other != path and not of_same_division:
                 with _held(other):
@@ -70,7 +70,7 @@ def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
 
 
 def holder(path: Path) -> str | None:
-    """Who holds the lock of a file, in words; None if nobody does."""
+    """The holder of the lock of a file, in words, or None."""
     with suppress(OSError), Folder(path.parent).open(path.name) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -81,12 +81,12 @@ def holder(path: Path) -> str | None:
 
 
 def own_words() -> str:
-    """This process, as the locks that it holds name it."""
+    """The name of this process in its locks."""
     return f"process {os.getpid()} on {socket.gethostname()}"
 
 
 def is_held_by(out: Path, words: str) -> bool:
-    """Whether a lock of OUT names a process, as seen from another machine."""
+    """Whether a process, maybe on another machine, holds a lock of OUT, by its name."""
     with suppress(OSError):
         for path in out.glob(".journal*.lock"):
             with suppress(FileNotFoundError):  # of another shard, which ended
@@ -97,7 +97,7 @@ def is_held_by(out: Path, words: str) -> bool:
 
 @contextmanager
 def _held(path: Path) -> Iterator[int]:
-    """Hold a lock, whose file is gone after the block; an error names who else holds it."""
+    """Hold a lock, and remove its file after the block; an error names another holder."""
     end = time.monotonic() + PATIENCE
     try:
         while (number := _taken(path)) is None:
@@ -124,7 +124,7 @@ def _held(path: Path) -> Iterator[int]:
 
 
 def _taken(path: Path) -> int | None:
-    """The open file of a lock that is taken; None if another holds it."""
+    """The open file of the acquired lock; None if another process holds it."""
     number = Folder(path.parent).append(path.name)
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -142,12 +142,12 @@ def _taken(path: Path) -> int | None:
 
 
 class OpenRun(Struct):
-    """The note of a run: by the samples of its jobs, how many records of each there were before."""
+    """The note of a run: the number of earlier records of each sample of its jobs."""
 
     jobs: dict[str, int]
 
     def left(self, records: Mapping[str, int]) -> dict[str, int]:
-        """Those of its jobs that did not end since, of so many records as there are of each now."""
+        """The jobs that have not ended, given the present number of records of each sample."""
         return {name: count for name, count in self.jobs.items() if records[name] <= count}
 
 
@@ -157,7 +157,7 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
-    """Note a run, of the `OpenRun.jobs`; one on all of OUT has those that runs on shards left."""
+    """Note a run with its `OpenRun.jobs`; a run on all of OUT adds those left by shards."""
     path = run_path(out, shard)
     with written_whole(path) as file:
         file.write(encode(OpenRun(jobs)) + b"\n")
@@ -167,7 +167,7 @@ def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
 
 
 def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
-    """The run on OUT, or on a shard, that is noted; None if it came to its end."""
+    """The noted run on OUT, or on a shard; None if it has ended."""
     path = run_path(out, shard)
     try:
         text = Folder(path.parent).read(path.name)
@@ -182,15 +182,15 @@ def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
 
 
 def begun_samples(out: Path, shard: Shard | None) -> set[str]:
-    """The samples of runs that did not come to their end: they may have files, and no records."""
+    """The samples of interrupted runs, which may have files without records."""
     parts = [None, *shards(out)] if shard is None else [None, shard]
     return set().union(*(run.jobs for part in parts if (run := open_run(out, part)) is not None))
 
 
 def sweep_up(out: Path) -> None:
-    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
+    """Remove half-written files of killed processes; the lock of OUT must be held.
 
-    The index and shards are written without the lock: those of a process that runs are left alone.
+    Files of the index and shards, written without the lock by live processes, stay.
     """
     below = Folder(out)
     for folder in ("", SHARDS_FOLDER):
@@ -205,7 +205,7 @@ def sweep_up(out: Path) -> None:
 
 
 def refuse_other_division(out: Path, own: Shard) -> None:
-    """Refuse a shard beside records of another division, of which none comes last."""
+    """Refuse a shard beside records of another division, which have no common order."""
     for shard in shards(out):
         if shard.of != own.of and journal_path(out, shard).exists():
             problem = f"belongs to another number of shards than {own.number}/{own.of}"
@@ -214,7 +214,7 @@ def refuse_other_division(out: Path, own: Shard) -> None:
 
 
 def gather(out: Path) -> list[Shard]:
-    """Put the records of all shards into the journal of OUT, whose lock must be held."""
+    """Merge the records of all shards into the journal of OUT, whose lock must be held."""
     parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
     if parts:
         with written_whole(journal_path(out)) as file:
@@ -226,7 +226,7 @@ def gather(out: Path) -> list[Shard]:
 
 
 def _joined(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
-    """The lines of journals, each of them once."""
+    """The lines of journals without duplicates."""
     known = set[bytes]()
     for part in parts:
         for line in JournalFile(journal_path(out, part)).lines():
