@@ -1,1 +1,1 @@
-"""What becomes of one picture: read, radii, scene, render, write; the rest is in the steps."""
+"""The path of one picture: read, radii, scene, render, write, and optional steps."""

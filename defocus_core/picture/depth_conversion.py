@@ -1,4 +1,4 @@
-"""Depth files converted to EXR: where each goes, what may be replaced, and its preview."""
+"""Conversion of depth files to EXR: targets, replacement of files, previews."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RADII = "give such files to 'defocus render'"
 
 @dataclass(frozen=True)
 class DepthTarget:
-    """A depth file, the EXR to write, and its preview if there is to be one."""
+    """A depth file, the EXR to write, and its preview, if wanted."""
 
     file: Path
     out: Path
@@ -33,23 +33,23 @@ class DepthTarget:
 
     @property
     def written(self) -> list[Path]:
-        """Every file that is written."""
+        """All files to write."""
         return [self.out, *([] if self.preview is None else [self.preview])]
 
 
 @dataclass(frozen=True)
 class Converted:
-    """A depth file that was converted."""
+    """A converted depth file."""
 
-    place: DepthTarget  # from where, to where
+    place: DepthTarget  # source and target
     depth: Depth
     range_m: tuple[float, float] | None  # nearest and farthest but sky; None if there is only sky
-    sky: int  # how many pixels are sky
-    warnings: tuple[str, ...]  # what was taken for granted, and what tells of another format
+    sky: int  # number of sky pixels
+    warnings: tuple[str, ...]  # assumptions, and evidence of another format
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
-    """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr."""
+    """The target of each file: OUT itself if that ends in .exr, else OUT/<stem>.exr."""
     if (suffix := out.suffix.lower()) in PICTURES - {".exr"}:
         problem = f"ends in {suffix}, and depth is written as EXR"
         remedy = "end it in .exr, or name a directory"
@@ -73,7 +73,7 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 
 
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
-    """Refuse to replace files, unless that is asked for; an input is never replaced."""
+    """Refuse to replace files unless ``overwrite``, and inputs always."""
     inputs = identities(place.file for place in wanted)
     for path in (path for place in wanted for path in place.written):
         require_replaceable(path, overwrite=overwrite, inputs=inputs)
@@ -86,7 +86,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
         raise UsageProblem("radii", problem, remedy, field="depth-format")
     try:
         claimed = describe(place.file).nearly_empty
-    except InputError:  # the decoder says why
+    except InputError:  # the decoder reports the problem
         claimed = ""
     if claimed:
         remedy = "cut it into smaller pictures"

@@ -1,7 +1,7 @@
-"""The door of the library: picture, lens, render, views, write, with the words of the command line.
+"""The main functions of the library: picture, lens, render, views, write.
 
 Options are those of `defocus render`, with underscores for dashes; values are numbers, or texts
-with a unit, as on the command line. Paths, arrays and tensors are taken alike.
+with a unit, as on the command line. Paths, arrays and tensors are accepted alike.
 """
 
 from __future__ import annotations
@@ -39,24 +39,23 @@ from defocus_core.request.resolver import (
 from defocus_core.request.resolver import given as given_to
 
 Progress = Callable[[int, int], None]
-_ARRAY = Path("picture")  # the name of a picture of arrays
+_ARRAY = Path("picture")  # the name of a picture in memory
 _UNKNOWN = LensValues(math.nan, math.nan, None)
-_SHOWN = 480  # px of the longer side of what a notebook shows
+_SHOWN = 480  # px of the longer side in a notebook
 
 
 class Pixel(NamedTuple):
     """A pixel of a picture."""
 
     color: NDArray[np.float32]  # [C], linear light, premultiplied
-    depth: float  # metres along the axis; of relative depth its number
+    depth: float  # metres along the axis, or the number of relative depth
 
 
 class Picture:
-    """Colour with the depth of each pixel, of files or of arrays.
+    """Colour with the depth of each pixel, from files or arrays.
 
     Attributes:
-        files: Its files; of arrays their names alone.
-        device: Where it is rendered: auto, cpu or cuda.
+        files: Its files; only names for arrays. device: Device to render on: auto, cpu or cuda.
     """
 
     def __init__(
@@ -103,7 +102,7 @@ class Picture:
         return picture
 
     def _decode(self) -> None:
-        """Decode the inputs, as relative depth where their numbers name no distance."""
+        """Decode the inputs, as relative depth if its numbers are not distances."""
         reading = reading_of(self._reading)
         if reading.needs_lens:
             return
@@ -158,17 +157,17 @@ class Picture:
 
     @property
     def is_relative(self) -> bool:
-        """Whether the depth names no distances, so that a lens needs a ``blur`` in px."""
+        """Whether the depth is relative, so that a lens needs a ``blur`` in px."""
         return self._decoded.depth.is_relative
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was taken for granted when it was read."""
+        """Assumptions made when reading the picture."""
         return self._decoded.warnings
 
     @property
     def metadata(self) -> Mapping[str, object]:
-        """What the colour file says of itself."""
+        """The metadata of the colour file."""
         return self._decoded.color.attributes
 
     @property
@@ -184,7 +183,7 @@ class Picture:
         return Pixel(self.color[y, x], float(self.depth[y, x]))
 
     def to(self, device: str) -> Picture:
-        """The same picture, to be rendered on another device: auto, cpu or cuda."""
+        """The same picture on another device to render on: auto, cpu or cuda."""
         picture = self.__class__.__new__(self.__class__)
         picture.__dict__.update(self.__dict__, device=str(device))
         return picture
@@ -211,7 +210,7 @@ class Picture:
 class Lens:
     """A thin lens: its focal length, f-number and focus, or a blur in px for relative depth.
 
-    `options` are its options as they were given.
+    `options` has the given options.
     """
 
     def __init__(
@@ -233,7 +232,7 @@ class Lens:
                 ``blur="40px"`` instead of optics. `defocus help look` explains them.
 
         Raises:
-            UsageProblem: An option is unknown, or its value makes no sense.
+            UsageProblem: An option is unknown, or its value invalid.
         """
         self._file: Path | None = None
         self._metadata = bool(options.pop(METADATA.replace("-", "_"), False))
@@ -242,11 +241,11 @@ class Lens:
 
     @classmethod
     def load(cls, file: str | PathLike[str], **options: Any) -> Lens:
-        """A lens of a lens file, or of one that ships, like ``@portrait-85``; options lie above.
+        """The lens of a lens file, or a shipped one like ``@portrait-85``; other options win.
 
         Raises:
             InputError: The file cannot be read.
-            UsageProblem: An option is unknown, or its value makes no sense.
+            UsageProblem: An option is unknown, or its value invalid.
         """
         lens = cls(**options)
         lens._file = lens_path(Path(file), CALLER.at("lens"))
@@ -274,7 +273,7 @@ class Lens:
         return radius
 
     def _values(self, picture: Picture, reading: Reading) -> tuple[LensValues, Reading]:
-        """The lens that takes a picture, and how its depth is read."""
+        """The lens for a picture, and the reading of its depth."""
         lenses = PictureLenses(
             own=self._layer,
             file=self._file,
@@ -301,12 +300,12 @@ class Lens:
 
 
 class Views:
-    """What a lens saw of a picture; images and maps are made when they are asked for.
+    """The views of a picture through a lens; images and maps are made on access.
 
     Attributes:
         device: None for arrays of NumPy: images float32 [H, W, C], maps [H, W]. Else the device
             of tensors: images [C, H, W], maps [H, W].
-        warnings: What was taken for granted; after `write` also what the files cannot hold.
+        warnings: Assumptions; after `write` also losses in the files.
     """
 
     def __init__(self, take: Take, device: str | None = None) -> None:
@@ -319,12 +318,12 @@ class Views:
 
     @property
     def left(self) -> Any:
-        """What the left half of the lens sees; None without ``left_right``."""
+        """The view of the left half of the lens; None without ``left_right``."""
         return self._image("left")
 
     @property
     def right(self) -> Any:
-        """What the right half of the lens sees; None without ``left_right``."""
+        """The view of the right half of the lens; None without ``left_right``."""
         return self._image("right")
 
     @property
@@ -341,7 +340,7 @@ class Views:
 
     @property
     def trust(self) -> Any:
-        """The share of the lens that saw what the picture holds: 1 where nothing was invented."""
+        """The share of the lens that saw content of the picture: 1 where nothing was invented."""
         return self._map(self._take.images["trust"][0])
 
     def write(
@@ -357,15 +356,15 @@ class Views:
         Args:
             out: A directory; or one file, of one kind.
             kinds: Like ``"render,trust"``; None for the images and the CoC map.
-            overwrite: Whether files that are there are replaced.
-            **options: Of outputs, like ``format="png16"`` and ``exr_type="float"``.
+            overwrite: Whether to replace existing files.
+            **options: Options of outputs, like ``format="png16"`` and ``exr_type="float"``.
 
         Returns:
             The file of each kind.
 
         Raises:
-            InputError: A file is there already, or cannot be written.
-            UsageProblem: An option is unknown, or its value makes no sense.
+            InputError: A file exists already, or cannot be written.
+            UsageProblem: An option is unknown, or its value invalid.
         """
         from defocus_core.io.replacing import identities, require_replaceable
         from defocus_core.picture import plain_path
@@ -394,7 +393,7 @@ class Views:
         return all(view in self._take.images for view in views)
 
     def _of(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
-        """The arrays of each kind of some outputs."""
+        """The arrays of each of some kinds."""
         images = self._take.images
         return {
             kind.name: tuple(plane for view in kind.rendered for plane in images[view])
@@ -403,7 +402,7 @@ class Views:
         }
 
     def to(self, device: str) -> Views:
-        """The same views, as tensors on a device: cpu or cuda."""
+        """The same views as tensors on a device: cpu or cuda."""
         from defocus_core.picture.plain_path import choose_device
 
         return Views(self._take, choose_device(str(device)))
@@ -466,7 +465,7 @@ def read(
 
     Raises:
         InputError: A file cannot be read.
-        UsageProblem: An option is unknown, or makes no sense for these files.
+        UsageProblem: An option is unknown, or invalid for these files.
     """
     from defocus_core.request.pairing import find, others_of
 
@@ -482,22 +481,22 @@ def read(
 
 
 def render(picture: Any = None, lens: Any = None, **options: Any) -> Any:
-    """Defocus a picture as a lens would.
+    """Defocus a picture with a lens.
 
     Args:
         picture: A `Picture`; or an image tensor [C, H, W] or [B, C, H, W], linear light.
-        lens: A `Lens`; None for a blur and a focus that suit relative depth. Of a tensor the
+        lens: A `Lens`; None for a suitable blur and focus of relative depth. With a tensor, the
             signed radii in px, [H, W] or [B, 1, H, W].
-        **options: left_right: whether left and right are wanted; progress: called with (tiles
-            done, tiles in all); quality, threads, tile, memory and device, as on the command line.
-            Of a tensor those of `defocus_core.renderer.render.render`.
+        **options: left_right: whether to render left and right; progress: called with (tiles done,
+        tiles in all); quality, threads, tile, memory and device, as on the command line. With a
+        tensor, those of `defocus_core.renderer.render.render`.
 
     Returns:
-        `Views` of a picture; of tensors their views, tensors in the shape of the image.
+        `Views` of a picture; with tensors, views that are tensors in the shape of the image.
 
     Raises:
-        DefocusError: The picture and the lens do not make a job, or memory is short.
-        ValueError: Tensors or their options make no sense.
+        DefocusError: The picture does not fit the lens or the memory.
+        ValueError: Tensors or their options are invalid.
     """
     if not isinstance(picture, Picture):
         from defocus_core.renderer.render import render as render_tensors
@@ -543,14 +542,14 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
 
 
 def _focus(focus: str | float | None) -> dict[str, str | None]:
-    """The option of a focus, a number of which is in metres."""
+    """The option of a focus, where numbers are metres."""
     if focus is None or isinstance(focus, str):
         return {"focus": focus}
     return {"focus": "inf" if focus == math.inf else f"{focus:.9g}m"}
 
 
 def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], more: Sequence[str] = ()) -> Layer:
-    """The options of keywords that are not None; `more`: other keywords of the call."""
+    """The options of keywords that are not None; `more`: other allowed keywords."""
     given = {
         name.replace("_", "-"): list(value) if isinstance(value, tuple) else value
         for name, value in values.items()
@@ -581,7 +580,7 @@ def _array(values: Any) -> NDArray[Any]:
 
 
 def _shown(take: Take, plane: Any) -> Any:
-    """A plane of a picture without what lies beyond its display window, float32."""
+    """A plane of a picture cut to the display window, float32."""
     rows, columns = take.inputs.color.overscan.shown(*plane.shape)
     return np.asarray(plane[rows, columns], np.float32)
 
@@ -598,6 +597,6 @@ def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes
 
 
 def _warn(words: Sequence[str], calls: int) -> None:
-    """Say what was taken for granted, at a line so many calls above."""
+    """Warn of assumptions, at the line of a caller `calls` levels above."""
     for each in words:
         warnings.warn(each, stacklevel=calls)

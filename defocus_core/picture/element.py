@@ -1,8 +1,8 @@
 """Elements: pictures of some objects alone, with alpha.
 
-Where alpha is 0 there is nothing, and depth means nothing: 0, NaN, inf, whatever was there. At an
-edge, where alpha is below 1, depth may be that of the background, if the middle of the pixel missed
-the object, or an average with it: it has the depth of the solid pixels beside it.
+Where alpha is 0 there is nothing, and depth may be anything: 0, NaN or inf. At an edge, where alpha
+is below 1, depth may be that of the background, if the middle of the pixel missed the object, or an
+average with it; it is replaced by the depth of the solid pixels beside it.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from defocus_core.io.images.color import Color
 from defocus_core.picture.take import InputPair
 from defocus_core.system.text import counted
 
-# Pixels from an edge within which a pixel has the depth that it lacks; steps to the pixels around.
+# Distance in px within which a pixel without depth gets that of an edge, step by step.
 _REACH = 8
-_ALONG = 64  # the same of thin things whose edges are known to hold what lies behind
-# Width in px of an edge that a filter of the renderer makes, and the share by which depth there may
-# be beyond that of the solid pixels beside: the silhouette of a ball bends away.
+_ALONG = 64  # the same for thin objects whose edges are known to be averages
+# Width in px of an edge by the filter of a renderer, and the share by which depth there may exceed
+# that of the solid pixels beside, as at the silhouette of a ball.
 _EDGE, _BEYOND = 3, 0.02
 _WHOLE = 0.995  # least alpha of a solid pixel
-# Of neighbours by which averages are known: the least alpha, and difference of it; how many must be
-# there; the share of them that must tell one far end, and how near to it, as a share of the way.
+# Pairs of neighbours that show averages: least alpha and difference of alpha, least number, the
+# share of pairs that must agree on a far end, and its tolerance as a share.
 _LEAST, _UNLIKE, _ENOUGH, _MOST, _AGREE = 0.05, 0.1, 12, 0.7, 0.05
 _PAIRS = 1 << 14  # of a band of rows
-_HALF = 0.5  # alpha from which on an object covers the middle of a pixel
-_IMPRECISE = 0.05  # share of a depth that it may be off
+_HALF = 0.5  # least alpha at which an object covers the middle of a pixel
+_IMPRECISE = 0.05  # tolerance as a share of the depth
 _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0))
 
 
 def element_depth(depth: Depth, color: Color) -> Depth:
-    """The depth of an element: its edges have one, and where alpha is 0 there is nothing.
+    """The depth of an element, repaired at edges and empty where alpha is 0.
 
     Light without alpha, like a flame, stays where it has a depth.
     """
@@ -64,9 +64,9 @@ def element_depth(depth: Depth, color: Color) -> Depth:
 
 
 class _Edges(NamedTuple):
-    """What pixels of an edge hold, by the evidence of neighbours of unlike alpha."""
+    """The meaning of depth at edges, found from neighbours of different alpha."""
 
-    # Of an average a zᵖ + (1 − a) farᵖ: p, farᵖ, and how much numbers are off; p is 0 of none
+    # of averages a zᵖ + (1 − a) farᵖ: p, farᵖ, and the error of numbers; p is 0 without averages
     power: int = 0
     far: float = 0.0
     noise: float = 0.0
@@ -75,7 +75,7 @@ class _Edges(NamedTuple):
     def solved(
         self, metres: NDArray[np.float32], fraction: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """The object's depth by averages; NaN where too little of it is left in the numbers."""
+        """The object's depth, solved from averages; NaN where they hold too little of it."""
         with np.errstate(all="ignore"):
             share = fraction.astype(np.float64)
             own = (metres.astype(np.float64) ** self.power - (1 - share) * self.far) / share
@@ -84,10 +84,10 @@ class _Edges(NamedTuple):
 
 
 def _evidence(depth: Depth, alpha: Any) -> _Edges:
-    """How depth goes with alpha where neighbours differ in it: as an average, or in two steps.
+    """The relation of depth and alpha at edges: averages, or two steps.
 
-    An average is linear in alpha: two pixels of one object tell what lies at alpha 0, and all
-    pairs tell the same. Depth that goes with alpha in no such way stays as it is.
+    An average is linear in alpha: two pixels of one object give the depth at alpha 0, the same for
+    all pairs. Depth with no such relation stays as it is.
     """
     pairs: list[NDArray[Any]] = []
     for rows in bands(alpha.shape):
@@ -117,7 +117,7 @@ def _evidence(depth: Depth, alpha: Any) -> _Edges:
 
 
 def _fill_edges(depth: Depth, alpha: Any) -> tuple[int, int]:
-    """Give pixels of an edge the depth of the object; how many got one, and how many should."""
+    """Give pixels of an edge the depth of the object; returns how many got one and needed one."""
     metres, fraction, lost = depth.metres, np.asarray(alpha, np.float32), 0
     solid = min(1.0, float(np.max(alpha)))
     edges = _Edges() if depth.is_radius else _evidence(depth, alpha)
@@ -146,9 +146,9 @@ def _is_mixed(
     metres: NDArray[np.float32],
     fraction: NDArray[np.float32],
     known: NDArray[np.bool_],
-    solid: float,  # alpha of a pixel that shows nothing but the object
+    solid: float,  # alpha of a pixel that shows only the object
 ) -> NDArray[np.bool_]:
-    """Where an edge is farther than every solid pixel beside it: what lies behind is mixed in."""
+    """Where an edge is farther than all solid pixels beside it, as averages with what is behind."""
     farthest = np.where(known & (fraction >= solid), metres, np.float32(0))
     height, width = metres.shape
     for _ in range(_EDGE):
@@ -160,7 +160,7 @@ def _is_mixed(
 
 
 def _has_depth(depth: Depth, metres: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Where there is a depth that is no sky."""
+    """Where there is a depth other than sky."""
     finite: NDArray[np.bool_] = np.isfinite(metres)
     return finite if depth.is_radius else finite & (metres > 0)
 
@@ -172,7 +172,7 @@ def _from_beside(
     depth: Depth,
     reach: int,
 ) -> NDArray[np.float32]:
-    """Depth in which missing pixels have that of the most opaque pixel around, ``reach`` times."""
+    """Depth with missing pixels filled from the most opaque pixel around, ``reach`` times."""
     filled, opacity = np.pad(metres, 1, mode="edge"), np.pad(fraction, 1)
     known = _has_depth(depth, metres) & (fraction > 0) & ~missing
     weights, (ys, xs) = np.pad(np.where(known, fraction, 0), 1), np.nonzero(missing)
@@ -193,5 +193,5 @@ def _from_beside(
 
 
 def empty_where_clear(given: InputPair) -> InputPair:
-    """The pair of an element, whose depth knows where it is empty."""
+    """The pair of an element, with the empty pixels of its depth."""
     return given.with_depth(element_depth(given.depth, given.color))

@@ -1,4 +1,4 @@
-"""The focus of a lens that its picture decides."""
+"""The focus of a lens, found from its picture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from defocus_core.request.resolver import refuse_near_focus
 
 
 def with_focus(lens: LensValues, depth: Depth) -> LensValues:
-    """The lens with the focus distance that its picture decides."""
+    """The lens with the focus distance found from its picture."""
     lens = in_pixels(lens, depth)
     if lens.blur is not None:
         if lens.focus_at is None:
@@ -32,14 +32,14 @@ def with_focus(lens: LensValues, depth: Depth) -> LensValues:
 
 
 def in_pixels(lens: LensValues, depth: Depth) -> LensValues:
-    """The lens with its blur in px, if that is a share of the longer side of the picture."""
+    """The lens with its blur converted to px from a share of the longer side."""
     if not isinstance(lens.blur, SideShare):
         return lens
     return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
 
 
 def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
-    """The lens by which the most blurred pixel gets the blur, if that is given in pixels."""
+    """The lens with the reach at which the most blurred pixel gets a blur given in pixels."""
     if lens.blur is None or lens.focus_value is None:
         return lens
     low, high = sharp_numbers(lens)
@@ -61,7 +61,7 @@ def _at_pixel(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> float:
 
 
 def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
-    """Row and column of a pixel of the picture, which must show something."""
+    """Row and column of a pixel, which must lie in the picture and not be empty."""
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.at("focus-at")
     if not (0 <= x < width and 0 <= y < height):
@@ -80,9 +80,9 @@ def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[s
 
 
 def _at_percentile(lens: LensValues, depth: Depth) -> float:
-    """The depth in mm that a share of the pixels does not exceed, without sky and holes.
+    """The percentile of the depth in mm, without sky and empty pixels.
 
-    It is that of a pixel: between two surfaces there is nothing to focus on.
+    It is the depth of a pixel, not a value between two surfaces.
     """
     from defocus_core.optics.distributions import percentile_rank
 

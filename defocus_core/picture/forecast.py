@@ -1,4 +1,4 @@
-"""Forecast of a job: its picture, lens and repair of depth, and a bound of the memory it takes."""
+"""Forecast of a job: picture, lens, repair of depth, and an upper bound of its memory."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from defocus_core.picture.take import Take, repair_record, repair_words
 from defocus_core.request.job import Job
 
 MAX_READ = 16  # pictures of a batch to open
-_OPENED_PIXELS = 1 << 24  # of pictures after which no other is opened
+_OPENED_PIXELS = 1 << 24  # MB of pictures, beyond which no other is opened
 
 
 class Forecast(NamedTuple):
-    """A job as it would be rendered."""
+    """The size, lens, notes and memory of a job, before it is rendered."""
 
     take: Take
     peak_mb: float  # upper bound of the memory of the process, or of the GPU
@@ -45,7 +45,7 @@ class Forecast(NamedTuple):
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
-    """Forecasts by number of jobs, or of a few spread evenly over more; and what others lack."""
+    """Forecasts by number of jobs, a few if there are many; and errors of unusable ones."""
     plain_path.load()
     count, pixels = min(len(jobs), MAX_READ), 0
     found, unusable = dict[int, Forecast](), list[DefocusError]()
@@ -61,7 +61,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
 
 
 def forecast(job: Job) -> Forecast:
-    """The forecast of a job, whose inputs are read and whose depth is repaired."""
+    """The forecast of a job; reads the inputs and repairs the depth."""
     inputs = plain_path.read(job)
     take, arrays = plain_path.prepare(job, inputs), inputs.arrays_mb
     in_regions = [0.0]

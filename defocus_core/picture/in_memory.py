@@ -1,4 +1,4 @@
-"""Pictures in memory, which no file holds."""
+"""Pictures in memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from defocus_core.system import memory
 def of_arrays(job: Job, arrays: Arrays) -> Inputs:
     """The inputs of a picture in memory.
 
-    Integers of colour are sRGB, floats linear light; depth is what the reading says.
+    Integers of colour are sRGB, floats linear light; the reading interprets depth.
     """
     color, depth = _pair(job, arrays.color, arrays.depth)
     hidden = None if arrays.hidden is None else _pair(job, *arrays.hidden)

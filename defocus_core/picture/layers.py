@@ -1,4 +1,4 @@
-"""Layers of a scene: light, coverage and depth of surfaces that are known behind each other."""
+"""Layers of a scene: light, coverage and depth of known surfaces behind each other."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ _CUT_AT_ONCE = 1 << 16  # pixels
 class Layers:
     """The layers of a deep picture, nearest first."""
 
-    # Of each layer its arrays [H, W] of light, premultiplied: colours, then passes
+    # for each layer arrays [H, W] of premultiplied light: colours, then passes
     light: tuple[tuple[Any, ...], ...]
-    alpha: tuple[Any, ...]  # of each layer [H, W]
+    alpha: tuple[Any, ...]  # for each layer [H, W]
     depths: tuple[Depth, ...]
     colors: int  # number of colours in `light`
-    merged: int = 0  # number of pixels that had more samples than there are layers
-    # Whether some layers hide others and have no alpha: then that of the picture is the last
-    # plane of `light`
+    merged: int = 0  # number of pixels with more samples than layers
+    # whether some layers only hide others; the alpha of the picture is then the last plane of
+    # `light`
     held_out: bool = False
-    pictures: tuple[Color, ...] = ()  # of each layer the colour if its depth is to be repaired
-    front: int = 0  # number of layers of the picture in front, if it is before another one
+    pictures: tuple[Color, ...] = ()  # for each layer the colour if its depth is repaired
+    front: int = 0  # number of layers of the picture in front of another one
 
     @property
     def words(self) -> str:
-        """How many layers there are, and what was merged, for people."""
+        """The numbers of layers and of merged samples, in words."""
         merged = f", more in {counted(self.merged, 'pixel')} merged" if self.merged else ""
         return f"deep, {counted(len(self.alpha), 'sample')} a pixel at most{merged}"
 
     @property
     def is_flat(self) -> bool:
-        """Whether each pixel has one sample that covers it, as of a picture that is not deep."""
+        """Whether each pixel has one opaque sample, as in a flat picture."""
         count = sum((alpha > 0).astype(np.uint8) for alpha in self.alpha)
         return bool(np.all(count == 1) and np.all(reduce(np.maximum, self.alpha) >= 1))
 
     def before(self, plate: Layers) -> Layers:
-        """These layers and those of a plate behind them."""
+        """These layers in front of those of a plate."""
         return replace(
             self,
             light=(*self.light, *plate.light),
@@ -59,7 +59,7 @@ class Layers:
         )
 
     def cut(self) -> Layers:
-        """These layers with the samples of two pictures in order, and mixed in one place."""
+        """These layers with the samples of two pictures sorted by depth."""
         if not self.front:
             return self
         shape, merged = self.alpha[0].shape, 0
@@ -102,7 +102,7 @@ class Layers:
         return Strip(window, pixel, rank, dict(zip((*names, DEPTH), values, strict=True)))
 
     def hold_out(self, holdout: Layers, black: Any) -> Layers:
-        """These layers with others, which hide what is behind them and show nothing."""
+        """These layers with those of a holdout, which hide others and have no light."""
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
         whole = replace(self, light=shown).before(replace(holdout, light=hiding))
@@ -110,14 +110,14 @@ class Layers:
 
 
 def flat_layer(color: Color, depth: Depth) -> Layers:
-    """A picture that is not deep as one layer."""
+    """A flat picture as one layer."""
     light = (*color.light, *color.planes[len(color.channels) :])
     alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, empty=None)
     return Layers((light,), (alpha,), (depth,), len(color.light))
 
 
 def coverage(shape: tuple[int, int], alpha: Any) -> Any:
-    """The share of each pixel that a picture covers: its alpha within 0 … 1, or 1 without one."""
+    """The coverage of each pixel by a picture: its alpha clipped to 0 … 1, or 1 without one."""
     if alpha is None:
         return np.broadcast_to(np.float32(1), shape)
     return np.clip(np.asarray(alpha, np.float32), 0, 1)

@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 
 _MM_PER_M = 1000.0
 _EXPLAINED = 1 / 3  # least share of the difference of pictures that their lens explains
-_MIN_BLUR = 1.5  # px of radius, below which strength and focus are hardly told
+_MIN_BLUR = 1.5  # px of radius, below which strength and focus are uncertain
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What is known of the lens, and what is to be found besides."""
+    """Known numbers of the lens, and unknowns to find besides."""
 
     foclen: float  # focal length in mm
     sensor_width: float  # in mm
-    exposure: bool = False  # whether the pictures may differ by gains, and by the light's falloff
-    shift: bool = False  # whether the pictures may lie apart
-    dual_pixel: bool = False  # whether the crosstalk of a pair is to be found
-    # The model of the photodiodes, or the file of their kernels; None is smooth where crosstalk is
-    # to be found, else ideal halves
+    exposure: bool = False  # whether the pictures may differ by gains and falloff of light
+    shift: bool = False  # whether the pictures may be shifted
+    dual_pixel: bool = False  # whether to find the crosstalk of a pair
+    # the model of the photodiodes, or the file of their kernels; None is smooth if crosstalk is to
+    # be found, else ideal halves
     dp_model: str | Path | None = None
 
 
@@ -100,7 +100,7 @@ def fit_files(
 
 
 def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
-    """What a fit found, in plain values; `width` of the picture in px."""
+    """The result of a fit in plain values; `width`: of the picture in px."""
     from defocus_core.optics.thin_lens import fnum_of_strength
 
     pitch = options.sensor_width / width
@@ -132,7 +132,7 @@ def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
 
 
 def _doubts(found: Fit, max_px: float) -> list[str]:
-    """What the pictures do not tell."""
+    """Doubts about the result, in words."""
     exchanged = "left and right are exchanged" if found.exchanged else ""
     hardly = "hardly anything is blurred" if max_px < _MIN_BLUR else ""
     return [doubt for doubt in (exchanged, hardly) if doubt]
@@ -170,7 +170,7 @@ def _finite(value: float) -> float | None:
 
 
 def write_lens(path: Path, found: dict[str, Any]) -> None:
-    """Write what was found as a lens file."""
+    """Write the found lens as a lens file."""
     focus = found["focus_m"]
     lines = [
         "# Found by 'defocus fit'.",
@@ -188,7 +188,7 @@ def write_lens(path: Path, found: dict[str, Any]) -> None:
 
 
 def words(found: dict[str, Any]) -> list[str]:
-    """What was found, a line each."""
+    """The found numbers, a line each."""
     distance = "infinity" if found["focus_m"] is None else f"{found['focus_m']:.4g} m"
     focus_error, error = found["focus_error_dioptres"], found["fnumber_error"]
     of_focus = "unknown" if focus_error is None else f"{focus_error:.2g} 1/m"

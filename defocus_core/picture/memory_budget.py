@@ -1,4 +1,4 @@
-"""The memory of a process: whether a picture fits into it, and beside which others. All in MB.
+"""The memory of a process: whether a picture fits into it, alone and beside others. In MB.
 
   limit     memory that the process may take in all
   base      memory of the program itself, before any picture
@@ -6,8 +6,8 @@
   arrays    inputs and outputs of a picture, decoded
   bound     what rendering takes beside them at most, by its plan
 
-A picture is rendered if its arrays and its bound fit into the capacity. Others are read or written
-beside it as far as they fit, too.
+A picture is rendered if its arrays and its bound fit into the capacity; others are read or written
+beside it as far as they fit.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 # Share of the available memory that a process takes without --memory.
 SHARE = 0.8
-# Memory in which the smallest picture is computed; and that of others, in sizes of their arrays.
+# Memory for the smallest picture; and for others, as a multiple of their arrays.
 _LEAST_MB, _USUAL = 160.0, 2.0
-# Memory of the libraries' functions, which come with their first call.
+# Memory of the code of libraries, which is loaded on first use.
 _OF_CALLS_MB = 32.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
-_TILES = (512, 256, 128)  # px, that are proposed
+_TILES = (512, 256, 128)  # sides of tiles in px that errors propose
 
 
 def arrays_mb(job: Job) -> float:
@@ -49,12 +49,12 @@ def arrays_mb(job: Job) -> float:
 
 
 def enough_mb(arrays: float, needed: float) -> float:
-    """The smallest limit that leaves room for arrays and what else is needed."""
+    """The smallest limit with room for arrays and other needs."""
     return base_mb() + arrays + needed + _SPARE_MB
 
 
 def require_room(job: Job) -> None:
-    """Refuse a picture whose arrays do not fit, before any of its files is decoded."""
+    """Refuse a picture whose arrays do not fit, before its files are decoded."""
     arrays, whole = _sizes(job)
     if arrays + whole <= (left := capacity_mb(job.machine)):
         return
@@ -87,7 +87,7 @@ def base_mb() -> float:
 
 
 def _sizes(job: Job) -> tuple[float, float]:
-    """MB of the arrays of a job, and of the samples of those files that are decoded at once."""
+    """MB of the arrays of a job, and of the samples of files that are decoded at once."""
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
     if outputs.need_rendering:
@@ -99,12 +99,12 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 
 def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
-    """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
+    """Number of pixels; bytes per pixel of arrays, and of files decoded at once; channels."""
 
     def pixel_bytes(path: Path) -> tuple[int, float, float, int]:
         info = describe(path)
         parts = info.parts
-        if not is_exr(read_head(path)):  # of several pages, one is read
+        if not is_exr(read_head(path)):  # one of several pages is read
             parts = (max(parts, key=lambda part: len(part.channels)),)
         kinds = [channel.type for part in parts for channel in part.channels]
         native = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
@@ -124,13 +124,13 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
         with suppress(InputError):  # a file without a header has no size to report
             _, _, depth_whole, _ = pixel_bytes(picture.depth)
         arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
-    except InputError:  # the decoder names what is wrong
+    except InputError:  # the decoder reports the problem
         return 0, 0.0, 0.0, 0
     return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
 
 
 def _layers_of(path: Path) -> int:
-    """The number of layers that a deep EXR becomes."""
+    """The number of layers of a deep EXR."""
     from defocus_core.io.exr.deep_layers import MAX_LAYERS
     from defocus_core.io.exr.deep_samples import max_samples
 
@@ -145,12 +145,12 @@ def _half(job: Job) -> bool:
 
 
 def image_type(job: Job) -> str:
-    """The type in which the images of a job are kept until they are written."""
+    """The number type of images in memory until they are written."""
     return "float16" if _half(job) else "float32"
 
 
 def room_on(device: str, room_mb: float) -> float:
-    """Memory left to compute in, with what the machine has free now."""
+    """Memory left for computing, given the free memory of the machine."""
     available = memory.available_mb(device)
     if device != "cpu":
         return math.inf if available is None else available
@@ -158,7 +158,7 @@ def room_on(device: str, room_mb: float) -> float:
 
 
 def regions_at_once(job: Job, renderer: Renderer, arrays: float, device: str) -> tuple[int, float]:
-    """How many regions of a picture may be computed at once, and a bound of their memory in MB."""
+    """The number of regions to compute at once, and the bound of their memory in MB."""
     from defocus_core.renderer.engine.memory_bound import memory_bound
 
     threads, room = job.machine.threads, room_on(device, capacity_mb(job.machine) - arrays)
@@ -185,7 +185,7 @@ def regions_at_once(job: Job, renderer: Renderer, arrays: float, device: str) ->
 
 
 def _remedy(job: Job, enough: float, fits: str, device: str) -> str:
-    """What makes room: options that fit, and as much memory as is enough, where it is there."""
+    """The remedy for lack of memory: options that fit, and enough memory if available."""
     machine = memory.available_mb(device)
     ways = [fits] if fits else []
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
@@ -194,26 +194,26 @@ def _remedy(job: Job, enough: float, fits: str, device: str) -> str:
 
 
 def _size(mb: float) -> str:
-    """A size, rounded up, as the command line takes it."""
+    """A size for the command line, rounded up."""
     tens = math.ceil(mb * memory.MB / 10**7)
     return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"
 
 
 class Gate:
-    """Lets pictures into the pipeline as long as they fit beside the one that is rendered.
+    """Admits pictures to the pipeline as long as they fit beside the rendered one.
 
-    One is let in in any case; others once it is known what rendering takes: as much of each MB of
-    arrays as at most so far.
+    One picture is always admitted; others once the memory of rendering is known, by the highest
+    ratio of bound to arrays so far.
     """
 
     def __init__(self) -> None:
         self._held: dict[int, float] = {}
-        self._work = math.inf  # MB to render a MB of arrays
+        self._work = math.inf  # MB to render per MB of arrays
         self._opened = False
         self._changed = threading.Condition()
 
     def enter(self, number: int, job: Job) -> None:
-        """Wait until there is room for the picture of a job."""
+        """Wait for room for the picture of a job."""
         need, capacity = sum(_sizes(job)), capacity_mb(job.machine)
 
         def fits() -> bool:
@@ -225,14 +225,14 @@ class Gate:
             self._held[number] = need
 
     def rendered(self, number: int, bound: float) -> None:
-        """Know what the rendering of a picture took at most."""
+        """Record the memory bound of a rendered picture."""
         with self._changed:
             work = bound / (self._held[number] or 1.0)
             self._work = work if math.isinf(self._work) else max(self._work, work)
             self._changed.notify_all()
 
     def open(self) -> None:
-        """Let every waiting picture in."""
+        """Admit every waiting picture."""
         with self._changed:
             self._opened = True
             self._changed.notify_all()

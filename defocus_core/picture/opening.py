@@ -1,4 +1,4 @@
-"""The opening of a lens: its pupil, with its picture if it has one."""
+"""The opening of a lens: its pupil, from numbers or a picture."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from defocus_core.optics.outline import PupilImage
     from defocus_core.optics.parts import Sensitivity
 
-_MAX_SIDE = 4096  # px; sums of areas lose digits beyond
+_MAX_SIDE = 4096  # px; larger sums of areas lose digits
 _MAX_RADIUS = 2000  # px of a drawn blur
-_TANGENT = math.hypot(36, 24) / 2 / 50  # of the field angle in the corner, beside a blur in px
-_SHOWN = 256  # px of a side of a square of the picture to look at
+_TANGENT = math.hypot(36, 24) / 2 / 50  # tangent of the corner's field angle, beside a blur in px
+_SHOWN = 256  # px on a side of a square of the drawing
 
 
 def aperture_of(lens: LensValues) -> Aperture:
@@ -50,7 +50,7 @@ def aperture_of(lens: LensValues) -> Aperture:
 
 
 def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.0) -> CatEye | None:
-    """The barrel that clips the opening in pictures of (width, height) px, if one does."""
+    """The barrel that clips the opening, for pictures of (width, height) px, or None."""
     from defocus_core.optics.cat_eye import CatEye
 
     if lens.cat_eye is None:
@@ -74,9 +74,9 @@ def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.
 
 
 def aperture_in_pixels(lens: LensValues, pixel_aspect: float) -> tuple[Aperture, float]:
-    """The pupil of a lens before pixels that need not be square.
+    """The pupil of a lens, for pixels that need not be square.
 
-    A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
+    A radius of the CoC is in px of the width; if pixels are wider than high, it is more px high.
 
     Returns the pupil, and the longer half axis of its blur in px, in radii of the CoC.
     """
@@ -98,7 +98,7 @@ def dual_pixel_of(lens: LensValues) -> DualPixel:
 
 @once
 def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
-    """What the left and the right photodiodes see, of a file of their kernels."""
+    """The sensitivities of the left and the right photodiodes, from a file of their kernels."""
     import torch
 
     from defocus_core.optics.parts import sensitivities
@@ -156,7 +156,7 @@ def pupil_image(path: Path) -> PupilImage:
 
 
 def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
-    """Refuse what is no picture [channels, H, W] of a size that a pupil may have."""
+    """Refuse arrays that are not pictures [channels, H, W] of a valid size."""
     if len(shape) != 3 or max(shape[1:]) > _MAX_SIDE:
         problem = f"is not a picture of a pupil: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
@@ -164,7 +164,7 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
-    """Write the opening and the blur of a point to look at, PNG, or the blur to measure, EXR.
+    """Write the opening and the blur of a point as PNG, or the blur alone as EXR.
 
     `radius`: of the blur, in px, signed.
     """

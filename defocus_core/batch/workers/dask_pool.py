@@ -1,9 +1,9 @@
 """Jobs of a batch on the workers of a Dask scheduler.
 
-Jobs and what came of them are small; pictures are read and written where they are computed, so
-every worker has to see the same files under the same names: it looks for the lock of this run in
-OUT, and this process for the first file of each. Dask may do a job twice, which changes nothing:
-outputs are written whole, and only this process writes the journal.
+Jobs and results are small; workers read and write pictures themselves, so each must see the same
+files under the same paths: a worker checks for the lock of this run in OUT, and this process for
+the first file of each worker. Dask may do a job twice, which is harmless: outputs are written
+whole, and only this process writes the journal.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
 from defocus_core.system.text import note
 
-AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
+AT_ONCE = 2  # chunks per worker: one computed, one waiting at the worker
 CONNECT = "30s"
-SEEN = 60.0  # seconds in which a file that a worker wrote is seen: NFS looks at folders that often
+SEEN = 60.0  # seconds until a file of a worker is seen: NFS refreshes folders that often
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
@@ -48,7 +48,7 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         import distributed
 
-        # Its client would log each worker that dies; the journal says what became of the jobs.
+        # Its client would log each worker that dies; the journal has the outcome of the jobs.
         logging.getLogger("distributed.client").setLevel(logging.ERROR)
         make_client: Any = distributed.Client  # without types
         make_completed: Any = distributed.as_completed
@@ -68,7 +68,7 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
 
 
 class _Cluster:
-    """Chunks that are submitted to a scheduler, which blames all that waited for a dead worker."""
+    """Chunks submitted to a scheduler, which blames all chunks that waited at a dead worker."""
 
     strikes = 2
     apart = 1
@@ -77,8 +77,8 @@ class _Cluster:
         self.client, self.futures, self.threads = client, futures, threads
         self.address = client.scheduler.address
         self.flight: dict[Any, Chunk] = {}
-        self.serial = count()  # what failed under a name keeps it
-        self.trusted = set[str]()  # workers of which a file was seen
+        self.serial = count()  # a failed name cannot be used again
+        self.trusted = set[str]()  # workers whose files this process has seen
 
     def has_room(self) -> bool:
         """Whether another chunk can be submitted."""
@@ -88,7 +88,7 @@ class _Cluster:
         return len(self.flight) < AT_ONCE * max(1, workers)
 
     def submit(self, chunk: Chunk) -> None:
-        """Give the scheduler a chunk."""
+        """Submit a chunk to the scheduler."""
         job = chunk[0][1]
         key = f"{job.sample_id}-{resume.recipe(job)}-{next(self.serial)}"
         jobs = [_absolute(job) for _, job in chunk]
@@ -138,10 +138,10 @@ class _Cluster:
             self.trusted.add(worker)
 
     def stop(self) -> None:
-        """What has been submitted is done."""
+        """Do nothing, as submitted chunks are finished."""
 
     def close(self) -> None:
-        """Take back what is submitted."""
+        """Cancel the submitted chunks."""
         self.client.cancel(list(self.flight))
 
     def _unlike(self, problem: str) -> InputError:
@@ -153,7 +153,7 @@ def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
     """Do jobs of one picture on a worker, if its OUT has the lock of the leader.
 
     Returns:
-        Their results, none if OUT is another; the versions there, and who did them.
+        Their results (none for another OUT), the versions and the name of the worker.
     """
     from distributed import get_worker
 
@@ -166,7 +166,7 @@ def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
 
 
 def _is_seen(path: Path) -> bool:
-    """Whether a file that was just written elsewhere is there, or comes soon."""
+    """Whether a file just written on another machine exists, or appears soon."""
     end = time.monotonic() + SEEN
     while path.name not in (os.listdir(path.parent) if path.parent.is_dir() else ()):  # noqa: PTH208
         if time.monotonic() > end:
@@ -176,7 +176,7 @@ def _is_seen(path: Path) -> bool:
 
 
 def _absolute(value: Any) -> Any:
-    """A job, or a part of it, whose paths mean the same to a worker elsewhere."""
+    """A job, or a part of it, with absolute paths for workers elsewhere."""
     made = value
     if isinstance(value, Path):
         made = value.absolute()

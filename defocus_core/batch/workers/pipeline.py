@@ -1,12 +1,12 @@
-"""Jobs in this process, as a pipeline: read the next picture, render this one, write the last one.
+"""Jobs in this process, as a pipeline that reads, renders and writes three pictures at a time.
 
 Each picture is computed while the next one is decoded and the one before is encoded, as far as
 memory allows. At most one picture waits to be computed and one to be written, whatever the number
 of jobs. Small pictures are read, rendered and written in turn: threads would only wait for each
 other.
 
-What is sent between processes has no arrays: outputs are relative to the root, inputs have no
-paths, and an exception stays in the process that raised it.
+Results for other processes have no arrays: outputs are relative to the root, inputs have no paths,
+and an exception stays in the process that raised it.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from defocus_core.system.process import delayed_signals, settings_kept
 from defocus_core.system.text import software
 
 TileCount = Callable[[int, int], None]
-_DIGITS = 6  # of radii and measures
+_DIGITS = 6  # decimals of radii and measures
 
 
 class Reader:
-    """Decodes the pictures of jobs; jobs of one picture that follow one another share it."""
+    """Decodes the pictures of jobs; consecutive jobs of one picture share it."""
 
     def __init__(self) -> None:
         self._last: tuple[object, Inputs] | None = None
 
     def read(self, job: Job) -> Inputs | Failed:
-        """The inputs of a job, decoded, unless they cannot be."""
+        """The decoded inputs of a job, or its failure."""
         key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             inputs = self._last[1]
@@ -66,7 +66,7 @@ class Reader:
 
 
 def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
-    """The stamps of files by role; what cannot be read is reported by its decoder."""
+    """The stamps of files by role, without unreadable ones, which their decoders report."""
     stamps: dict[str, Stamp] = {}
     for role, path in files.items():
         with suppress(OSError):
@@ -75,7 +75,7 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
 
 
 def write(take: Take | Failed) -> Taken | Failed:
-    """Write what a job computed; when this returns, it is durable."""
+    """Write the outputs of a job, which are durable when this returns."""
     if isinstance(take, Failed):
         return take
     start = time.perf_counter()
@@ -117,7 +117,7 @@ def write(take: Take | Failed) -> Taken | Failed:
     )
 
 
-# Pixels up to which a picture is small.
+# Greatest number of pixels of a small picture.
 _SMALL = 1 << 16
 
 if TYPE_CHECKING:
@@ -130,9 +130,9 @@ def execute(
     stopped: Callable[[], bool],
     progress: TileCount | None = None,
 ) -> None:
-    """Do the jobs of a batch in this process, whose settings stay; one alone without threads.
+    """Do the jobs of a batch in this process, and restore its settings; one job uses no threads.
 
-    `progress`: called with the tiles of a lone job that are done, and with all.
+    `progress`: called with (tiles done, tiles in all) of a lone job.
     """
     plain_path.load()
     jobs = _jobs(chunks, stopped)
@@ -142,14 +142,14 @@ def execute(
             run(chain(first, jobs), done, stopped=stopped)
         for number, job in first if len(first) == 1 else ():
             take = _computed(job, Reader().read(job), progress)
-            with delayed_signals():  # nothing stays half-written, or written and not told
+            with delayed_signals():  # no file stays half-written, or written without a record
                 done(number, write(take))
 
 
 def _computed(
     job: Job, inputs: Inputs | Failed, progress: TileCount | None = None
 ) -> Take | Failed:
-    """What a job computes of its inputs, unless it fails."""
+    """The take of a job after rendering, or its failure."""
     if isinstance(inputs, Failed):
         return inputs
     try:
@@ -173,9 +173,9 @@ def run(
 ) -> None:
     """Do jobs in their order.
 
-    `jobs`: numbered; asked for the next one, on a thread of its own, before the last is done.
-    `done`: called with number and end of each as soon as it is durable, on another thread or on
-    this one, one at a time.
+    `jobs`: numbered; the next one is requested, on a thread of its own, before the last is done.
+    `done`: called with number and end of each job as soon as it is durable, on any thread, one at a
+    time.
     """
     gate, reader, numbered = Gate(), Reader(), iter(jobs)
     decoding, ended = threading.Lock(), threading.Event()
@@ -194,7 +194,7 @@ def run(
             gate.leave(number)
 
     ahead, behind = ThreadPoolExecutor(1, "reader"), ThreadPoolExecutor(1, "writer")
-    behind.submit(int).result()  # a pool loses a thread that a signal interrupts in its start
+    behind.submit(int).result()  # a pool loses a thread if a signal interrupts its start
     following: Callable[[], _Read | None] = ahead.submit(decode).result
     last: Future[None] | None = None
     try:
@@ -221,7 +221,7 @@ def run(
         try:
             ended.set()
             gate.open()
-            with decoding:  # a decoder written in C that outlives Python aborts the process
+            with decoding:  # a C decoder that outlives Python would abort the process
                 ahead.shutdown(wait=False)
         finally:
             _wait_for(behind)
@@ -231,9 +231,9 @@ def run(
 
 
 def _wait_for(pool: ThreadPoolExecutor) -> None:
-    """Wait for what a pool does even if a signal comes meanwhile; a second one ends it.
+    """Wait for the work of a pool, through a first signal; a second one ends the wait.
 
-    Nothing stays half-written.
+    No file stays half-written.
     """
     try:
         wait([pool.submit(int)])  # which comes after it

@@ -1,9 +1,8 @@
-"""Jobs given to workers that may die, until all have ended: to processes on this machine.
+"""Jobs on workers that may die, like processes on this machine.
 
-A worker that dies (a crash in a decoder, the system short of memory) may have been killed by any of
-the jobs that it had. Each of them is done again when the others have ended, with no other job
-beside it where it is; one that has seen so many workers die as `Workers.strikes` has failed. A
-process that dies is replaced when there is work for another.
+Any of the jobs of a worker that dies (a crash in a decoder, lack of memory) may have killed it.
+Each of them is done again after the other jobs, alone on its worker; a job fails after the death of
+`Workers.strikes` workers. A process that dies is replaced if there is work.
 """
 
 from __future__ import annotations
@@ -36,20 +35,20 @@ class Lost(NamedTuple):
     """Jobs of a worker that died."""
 
     jobs: Chunk
-    words: str = ""  # how it died; empty if it had begun none of them
+    words: str = ""  # cause of its death; empty if it had begun none of them
 
 
 class Workers(Protocol):
-    """Those who do jobs: processes, or a cluster."""
+    """The workers for jobs: processes, or a cluster."""
 
-    strikes: int  # workers that a job may kill before it has failed
-    apart: int  # jobs at a time that have no other job beside them
+    strikes: int  # workers that die before a job counts as failed
+    apart: int  # jobs at a time that are done alone on a worker
 
     def has_room(self) -> bool:
         """Whether another chunk can be submitted."""
 
     def submit(self, chunk: Chunk) -> None:
-        """Give a worker a chunk."""
+        """Submit a chunk to a worker."""
 
     def collect(self) -> Iterator[tuple[int, End] | Lost]:
         """Wait a while for results, and for workers that died."""
@@ -64,7 +63,7 @@ class Workers(Protocol):
 def dispatch(
     workers: Workers, chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]
 ) -> None:
-    """Do all jobs, or until stopped."""
+    """Do all jobs, unless stopped."""
     flight: dict[int, Job] = {}
     suspects: deque[tuple[int, Job]] = deque()
     strikes: Counter[int] = Counter()
@@ -109,10 +108,10 @@ def dispatch(
 
 Serve = Callable[[Connection], None]
 STRIKES = 3
-AT_ONCE = 3  # fewer jobs make a process wait: one is read, one rendered and one written
+AT_ONCE = 3  # jobs of a busy process: one is read, one rendered and one written
 _FAILED_STARTS = 3  # processes that may die before they are ready
-_GRACE = 10.0  # seconds to end in
-_GLANCE = 0.1  # seconds between two looks at whether all is to stop
+_GRACE = 10.0  # seconds to wait for the end of a process
+_GLANCE = 0.1  # seconds between two checks for a stop
 READY = "ready"
 
 
@@ -130,10 +129,10 @@ def serve(connection: Connection) -> None:
 
 
 def _received(connection: Connection, stopped: threading.Event) -> Iterator[tuple[int, Job]]:
-    """The jobs that are sent; ``stopped`` is set when no further one is to be begun.
+    """The received jobs; ``stopped`` is set to begin no further one.
 
-    When the coordinator is gone, this process ends, whatever it is at: the next coordinator does
-    the same jobs, and writes to the same files.
+    If the coordinator dies, this process ends at once: the next coordinator does the same jobs, and
+    writes to the same files.
     """
     queue: SimpleQueue[tuple[int, Job] | None] = SimpleQueue()
 
@@ -151,7 +150,7 @@ def _received(connection: Connection, stopped: threading.Event) -> Iterator[tupl
 
 
 class Processes:
-    """Processes that do jobs, each of which starts with its first chunk."""
+    """Processes for jobs; each starts with its first chunk."""
 
     strikes = STRIKES
 
@@ -165,7 +164,7 @@ class Processes:
         return len(self.workers) < self.apart or any(each.has_room for each in self.workers)
 
     def submit(self, chunk: Chunk) -> None:
-        """Give a chunk to an idle process, to a new one, or to one that waits soon."""
+        """Submit a chunk to an idle process, to a new one, or to one that will soon be idle."""
         ready = [each for each in self.workers if each.has_room]
         least = min(ready, key=lambda each: len(each.flight), default=None)
         if least is None or (least.flight and len(self.workers) < self.apart):
@@ -201,14 +200,14 @@ class Processes:
         return Lost([*each.flight.items()], _death(each.process.exitcode) if each.ready else "")
 
     def stop(self) -> None:
-        """Begin no further job; a process that is not ready has begun none, and ends."""
+        """Begin no further job; processes that are not ready end."""
         for each in self.workers:
             each.stop()
             if not each.ready:
                 each.process.kill()
 
     def close(self) -> None:
-        """End all processes: at once those that have jobs."""
+        """End all processes, at once those with jobs."""
         for each in self.workers:
             if each.ready and not each.flight:
                 each.stop()
@@ -217,7 +216,7 @@ class Processes:
 
 
 class _Worker:
-    """A process, and the jobs that it has; the first of them wait until it has started."""
+    """A process and its jobs, which wait until it has started."""
 
     def __init__(self, serve: Serve) -> None:
         context = multiprocessing.get_context("spawn")
@@ -234,25 +233,25 @@ class _Worker:
 
     @property
     def has_room(self) -> bool:
-        """Whether it takes another chunk."""
+        """Whether it accepts another chunk."""
         return self.ready and not self.stopping and len(self.flight) < AT_ONCE
 
     def send(self, chunk: Chunk) -> None:
-        """Give it jobs."""
+        """Send it jobs."""
         self.flight |= dict(chunk)
-        with suppress(OSError):  # it is dead, which `collect` sees
+        with suppress(OSError):  # it is dead; `collect` handles it
             for numbered in chunk:
                 self.connection.send(numbered)
 
     def stop(self) -> None:
-        """Let it end after the jobs that it has begun."""
+        """End it after the begun jobs."""
         if not self.stopping:
             self.stopping = True
             with suppress(OSError):
                 self.connection.send(None)
 
     def kill(self) -> None:
-        """End it now."""
+        """End it at once."""
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)
@@ -268,8 +267,8 @@ def _death(code: int | None) -> str:
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """Processes started in the block never hear Ctrl-C, which is the coordinator's affair."""
-    resource_tracker.ensure_running()  # else the first process starts it, which unblocks SIGINT
+    """Keep Ctrl-C from processes started in the block; the coordinator handles it."""
+    resource_tracker.ensure_running()  # else the first process starts it and unblocks SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

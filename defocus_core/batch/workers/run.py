@@ -1,7 +1,7 @@
-"""A run: skips finished jobs, does the others, writes each result to the journal, then the index.
+"""A run does the unfinished jobs, writes each result to the journal, then the index.
 
-What is to do is its plan. This is the one way of `defocus render` to a folder or a file, of
-`batch` and `run_batch`. Only this process writes the journal.
+Its plan has the jobs to do. `defocus render`, `batch` and `run_batch` all use it. Only this process
+writes the journal.
 """
 
 from __future__ import annotations
@@ -42,45 +42,45 @@ Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
 class Execution:
     """The way to carry out a batch."""
 
-    # Does jobs; called with chunks of them, with the function to call with the number and
-    # end of each job, and with the function that tells that no further job is to be begun
+    # Does jobs; called with chunks of them, with a function to call with the number and end of each
+    # job, and with a function that tells whether to stop
     execute: Execute
-    shard: Shard | None = None  # which part of the batch; None for all of it
-    limit: int | None = None  # at most so many jobs
-    fail_fast: bool = False  # stop at the first job that fails
-    read_inputs: bool = False  # compare the bytes of inputs, not only their size and time
-    new_only: bool = False  # leave what has outputs, whatever changed
+    shard: Shard | None = None  # the part of the batch; None for the whole
+    limit: int | None = None  # greatest number of jobs
+    fail_fast: bool = False  # stop at the first failed job
+    read_inputs: bool = False  # compare inputs by content, not only by size and time
+    new_only: bool = False  # keep existing outputs, whatever changed
     keep_lenses: bool = False  # refuse to replace pictures of another lens or view
-    raises: bool = False  # a lone job that fails leaves nothing, and its error ends the run
-    spread: int = 1  # over how many workers the jobs of one picture are to be spread
-    has_index: bool = False  # an index of what is asked for is written; else one that was there
-    shards_size: int | None = None  # bytes of a tar beside it; None to pack only where some are
-    source: JobsSource | None = None  # what is kept of the jobs file; None if there is none
+    raises: bool = False  # a failed lone job leaves no record, and its error ends the run
+    spread: int = 1  # number of workers that share the jobs of one picture
+    has_index: bool = False  # write an index of the requested jobs; else update an existing one
+    shards_size: int | None = None  # bytes of a tar; None to pack only if tars exist
+    source: JobsSource | None = None  # the jobs file to keep, if any
 
 
-_DUE, _LATER = 1, 2  # marks of jobs that are to do, now or beyond the limit; 0 of the others
+_DUE, _LATER = 1, 2  # marks of jobs to do, now or beyond the limit; others have 0
 
 
 @dataclass
 class Plan:
-    """Which jobs of a run are to do: a mark for each, of which the jobs are made when asked for."""
+    """The jobs of a run to do, as a mark for each; jobs are made on access."""
 
     jobs: Sequence[Job]
     ledger: Ledger
     marks: bytearray = field(default_factory=bytearray)
-    # Of jobs that are done, by number: inputs that lie elsewhere now, or none if the split changed
+    # of finished jobs, by number: inputs that have moved, or empty if the split changed
     moved: dict[int, Stamps] = field(default_factory=dict)
-    again: Counter[str] = field(default_factory=Counter)  # why jobs are done again, in words
-    kept: Counter[str] = field(default_factory=Counter)  # why those would be that are left
+    again: Counter[str] = field(default_factory=Counter)  # reasons to do jobs again, in words
+    kept: Counter[str] = field(default_factory=Counter)  # reasons of changed jobs that are kept
 
     @property
     def due(self) -> int:
-        """How many jobs are to be done now."""
+        """The number of jobs to do now."""
         return self.marks.count(_DUE)
 
     @property
     def later(self) -> int:
-        """How many jobs the limit puts off."""
+        """The number of jobs beyond the limit."""
         return self.marks.count(_LATER)
 
     @property
@@ -99,13 +99,13 @@ class Plan:
         return (job for job, mark in zip(self.jobs, self.marks, strict=True) if not mark)
 
     def began(self) -> bool:
-        """Whether an output of the jobs to do is there."""
+        """Whether an output of the jobs to do exists."""
         return any(os.path.lexists(path) for _, job in self.todo for path in job.written)
 
 
 @without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
-    """Find which jobs of a batch are to do; what must not be touched is refused."""
+    """The plan of a batch; refuses jobs that would replace foreign files."""
     refuse_misplaced(jobs)
     if execution.has_index:
         from defocus_core.batch.datasets import update
@@ -123,7 +123,7 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
 
 
 def _assigned(jobs: Sequence[Job], ledger: Ledger, shard: Shard | None, *, forced: bool) -> Plan:
-    """The plan of jobs, with the splits that samples had, unless it is forced."""
+    """The plan of jobs, with the recorded splits of samples unless it is forced."""
     if any(job.split.choices for job in jobs):
         from defocus_core.request.splits import with_recorded
 
@@ -133,7 +133,7 @@ def _assigned(jobs: Sequence[Job], ledger: Ledger, shard: Shard | None, *, force
 
 
 def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
-    """Mark which jobs of a plan are to do, now or beyond the limit; all if it is forced."""
+    """Mark the jobs of a plan to do, now or beyond the limit; all if it is forced."""
     left = len(plan.jobs) if execution.limit is None else execution.limit
     for number, job in enumerate(plan.jobs):
         found = resume.Decision(False)
@@ -156,12 +156,12 @@ def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
 
 
 def writes_file(jobs: Sequence[Job]) -> bool:
-    """Whether a lone picture is written to a file of a name, beside which no journal stands."""
+    """Whether a lone picture is written to a named file, without a journal."""
     return any(job.outputs.file for job in jobs)
 
 
 def _has_outputs(job: Job, ledger: Ledger) -> bool:
-    """Whether a record has all files of a job as written, and they are there."""
+    """Whether a record has all files of a job, and they exist."""
     number = ledger.number_of(job.names.values())
     return ledger.is_ok(number) and all(map(os.path.exists, job.written))
 
@@ -170,22 +170,22 @@ _NAME_BYTES = 255  # the longest name of a file on Linux
 
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
-    """Refuse jobs that get in the way of one another or of their inputs."""
+    """Refuse jobs that would replace outputs of one another or their inputs."""
     _refuse_clashes(jobs)
-    every = {id(job.outputs): job.outputs for job in jobs}.values()  # a hash of each takes long
+    every = {id(job.outputs): job.outputs for job in jobs}.values()  # hashing each would take long
     for outputs in {*every}:
         list(_places_of(outputs))
     folders = {folder.resolve() for outputs in every for folder in outputs.folders}
-    # what many jobs share is asked once
+    # values shared by many jobs are checked once
     parts = {id(part): part for job in jobs for part in (job.picture, job.lens, job.shot) if part}
     named = [str(path) for part in parts.values() for path in part.files.values()]
     for text in named:
         require_utf_8(text)
-    # Path.resolve raises where a link leads in a circle; its reader names that.
+    # Path.resolve raises for circular links; the reader reports them.
     named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
     split = [os.path.split(path) for path in named]
     places = {folder: Path(folder).resolve() for folder in {folder for folder, _ in split}}
-    if folders.isdisjoint(places.values()):  # a batch has many outputs, and hardly ever such inputs
+    if folders.isdisjoint(places.values()):  # a batch has many outputs, but rarely such inputs
         return
     inputs = {places[folder] / name for folder, name in split}
     for path in (path for job in jobs for path in job.written):
@@ -217,12 +217,12 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 
 
 def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None:
-    """Refuse to replace files that no job is known to have written."""
+    """Refuse to replace files that the journal does not know."""
     existing, journal = list[Path](), ""
     for job in jobs:
         root, overwrite = job.outputs.root, job.outputs.overwrite
         for name in job.names.values():
-            if not os.path.lexists(f"{root}/{name}"):  # of a million jobs, paths take long
+            if not os.path.lexists(f"{root}/{name}"):  # making paths takes long for a million jobs
                 continue
             path = root / name
             if path.is_dir():
@@ -242,14 +242,14 @@ def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None
 
 
 def refuse_unwritable(outputs: Outputs) -> None:
-    """Refuse a place where nothing can be written."""
+    """Refuse a directory that cannot be written to."""
     for place in _places_of(outputs):
         if not os.access(place, os.W_OK | os.X_OK):
             raise InputError("unwritable", "cannot be written to", "choose another -o", path=place)
 
 
 def _places_of(outputs: Outputs) -> Iterator[Path]:
-    """The folders of outputs, or the nearest above each that there is."""
+    """The folders of outputs, or the nearest existing one above each."""
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
@@ -278,42 +278,42 @@ class Listener:
         self._tell = tell
 
     def planned(self, plan: Plan) -> None:
-        """Before the first job is done."""
+        """Called before the first job."""
 
     def ended(self, job: Job, record: Record) -> None:
-        """A job has come to its end, and the journal has it."""
+        """Called when a job has ended, and is in the journal."""
         if self._tell is not None:
             self._tell(job, record)
 
 
 @dataclass
 class Summary:
-    """The result of a batch: jobs by status, without those that were done before."""
+    """The result of a batch: jobs by status, without those finished before."""
 
     jobs: int = 0
     skipped: int = 0
     left: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
-    again: Counter[str] = field(default_factory=Counter)  # why jobs were done again, in words
-    kept: Counter[str] = field(default_factory=Counter)  # why those would be that stay as they are
+    again: Counter[str] = field(default_factory=Counter)  # reasons to do jobs again, in words
+    kept: Counter[str] = field(default_factory=Counter)  # reasons of changed jobs that are kept
     warned: int = 0
     warnings: NoteKinds = field(default_factory=NoteKinds)
     seconds: float = 0.0
     interrupted: bool = False
     written: list[Path] = field(default_factory=list)  # the files of the data set
-    error: Exception | None = None  # that ended a lone job
+    error: Exception | None = None  # the error of a lone job
 
 
 def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
-    """Do jobs that write to OUT. A lone one of one file takes no lock, and leaves no journal."""
+    """Do jobs that write to OUT. A lone job of one file needs no lock and no journal."""
     has_journal = not writes_file(jobs)
     lock = runs.locked(out, execution.shard) if has_journal else nullcontext(lambda: None)
     with _output_folders({job.outputs for job in jobs}, out), lock as require_lock:
         if has_journal and execution.shard is None:
-            runs.sweep_up(out)  # what runs that were killed left half-written
+            runs.sweep_up(out)  # half-written files of killed runs
             runs.gather(out)
-        elif execution.shard is not None:  # others of its division write to OUT, too
+        elif execution.shard is not None:  # other shards write to OUT, too
             runs.refuse_other_division(out, execution.shard)
         plan = make_plan(jobs, out, execution)
         listener.planned(plan)
@@ -344,7 +344,7 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
 
 @contextmanager
 def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
-    """Append records; the run is noted in OUT in the block, and after it if jobs are left."""
+    """Yield the function that appends records; the run is noted in OUT while jobs are left."""
     plan, shard = state.plan, state.execution.shard
     out = plan.ledger.out
     records = plan.ledger.counts()
@@ -365,7 +365,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index of the samples that are asked for, or again that of those it listed."""
+    """Write the index of the requested samples, or of those that it listed before."""
     plan, summary, execution = state.plan, state.summary, state.execution
     out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:
@@ -383,7 +383,7 @@ def _index(asked: Collection[str], state: _State) -> None:
 
 
 def _tell_backs(state: _State) -> None:
-    """Say that pictures of another back stay beside those of this run."""
+    """Warn that pictures of another back stay beside those of this run."""
     before, made = state.backs_before(), state.backs
     if before and made and before != made:
         earlier, later = (" and ".join(sorted(backs)) for backs in (before, made))
@@ -393,7 +393,7 @@ def _tell_backs(state: _State) -> None:
 
 @contextmanager
 def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
-    """OUT exists in the block; folders that were not there, and are empty at its end, are not."""
+    """Make OUT for the block, and remove new folders that are empty at its end."""
     for outputs in every:
         refuse_unwritable(outputs)
     folders = {folder for outputs in every for folder in outputs.folders} - {out}
@@ -411,7 +411,7 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
 
 
 class _State:
-    """Jobs being done, and what came of them."""
+    """The state of a run: its jobs and their results."""
 
     def __init__(self, plan: Plan, execution: Execution, listener: Listener) -> None:
         self.plan, self.execution, self.listener = plan, execution, listener
@@ -421,13 +421,13 @@ class _State:
             len(plan.jobs), settled, unfinished, again=plan.again, kept=plan.kept
         )
         self.interrupts = Interrupts(patient=plan.due > 1)
-        self.withdrawn: set[str] | None = None  # samples of an index that was removed
-        self.backs: set[str] = set()  # of the pictures that were made
+        self.withdrawn: set[str] | None = None  # samples of the removed index
+        self.backs: set[str] = set()  # backs of the new pictures
         self.stopping = False
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Do jobs in the block, or until stopped."""
+        """Do jobs in the block, unless stopped."""
         start = time.perf_counter()
         try:
             with self.interrupts:
@@ -437,11 +437,11 @@ class _State:
         self.summary.interrupted = self.interrupts.asked
 
     def stopped(self) -> bool:
-        """Whether no further job is to be begun."""
+        """Whether to begin no further job."""
         return self.stopping or self.interrupts.asked
 
     def done_before(self) -> set[str]:
-        """The samples that were done before."""
+        """The samples finished before."""
         ledger = self.plan.ledger
         return {
             job.sample_id
@@ -450,13 +450,13 @@ class _State:
         }
 
     def backs_before(self) -> set[str]:
-        """The backs of pictures that were done before, and stay."""
+        """The backs of pictures finished before, which stay."""
         ledger = self.plan.ledger
         numbers = (ledger.last.get(n) for job in self.plan.settled for n in job.names.values())
         return {ledger.outcomes[n].back for n in numbers if n is not None and ledger.is_ok(n)}
 
     def chunks(self) -> Iterator[Chunk]:
-        """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
+        """Consecutive jobs of one picture, in chunks that keep all workers busy."""
         maximum = max(1, min(MAX_IN_A_CHUNK, self.plan.due // (4 * self.execution.spread)))
         chunk: Chunk = []
         for number, job in self.plan.todo:
@@ -470,7 +470,7 @@ class _State:
             yield chunk
 
     def record(self, number: int, end: End) -> Record | None:
-        """The record of a job that ended; None of a lone one whose error ends the run."""
+        """The record of an ended job; None for a lone job whose error ends the run."""
         job, out = self.plan.jobs[number], self.plan.ledger.out
         places = {role: input_path(path, out) for role, path in job.files.items()}
         inputs = {r: copy(end.inputs.get(r, Stamp()), path=place) for r, place in places.items()}
@@ -497,7 +497,7 @@ class _State:
         return record
 
     def count(self, job: Job, record: Record) -> None:
-        """Count a job whose record is kept, and tell of it."""
+        """Count a recorded job, and tell the listener."""
         summary, end = self.summary, record.end
         if isinstance(end, Taken):
             self.backs.add(end.back)
