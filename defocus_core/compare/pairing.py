@@ -239,7 +239,7 @@ def _read_recipe(folder: Path, name: str) -> Recipe:
     try:
         values = json.loads(Folder(folder).read(name))
         sample = Recipe(**values)
-        faults = [output_fault(path) for path in sample.files.values()]
+        faults = [output_fault(path, sample.inputs) for path in sample.files.values()]
         tables = (sample.settings, sample.inputs, sample.files)
         if not any(faults) and all(isinstance(table, dict) for table in tables):
             return sample

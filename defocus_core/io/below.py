@@ -101,6 +101,10 @@ class Folder:
         place.unlink(missing_ok=True)
         return place.open("x+b")
 
+    def link(self, source: Path, name: str) -> None:
+        """Give a regular file another name, a new one below this folder."""
+        self._place(name, make=True).hardlink_to(source.resolve())
+
     def rename(self, name: str, last: str) -> None:
         """Give a file another name in its folder, that of a file that it replaces; durable."""
         place = self._place(name)

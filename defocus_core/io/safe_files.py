@@ -11,6 +11,7 @@ import io
 import itertools
 import os
 import re
+import shutil
 import sys
 import threading
 from collections.abc import Iterator
@@ -238,6 +239,13 @@ def _runs(process: int) -> bool:
     return process not in (0, os.getpid())
 
 
+def _sibling(path: Path, root: Path | None) -> Sibling:
+    together = _together.get()
+    root = root or (together.root if together else None) or path.parent
+    name = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
+    return Sibling(Folder(root), path.with_name(name).relative_to(root).as_posix(), path)
+
+
 @contextmanager
 def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
@@ -247,10 +255,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     `written_together` whoever writes them removes it.
     """
     together = _together.get()
-    if root is None:
-        root = (together.root if together else None) or path.parent
-    name = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
-    sibling = Sibling(Folder(root), path.with_name(name).relative_to(root).as_posix(), path)
+    sibling = _sibling(path, root)
     try:
         with sibling.folder.create(sibling.name) as file:
             yield file
@@ -269,6 +274,18 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
         for name in left_in(path.parent):
             if name.startswith(leftover(path)):
                 Folder(path.parent).remove(name)
+
+
+def link_or_copy(source: Path, path: Path) -> None:
+    """Put a file, of `written_together`, at another place: as a hard link, or else as a copy."""
+    together, sibling = _together.get(), _sibling(path, None)
+    assert together is not None
+    try:
+        sibling.folder.link(source, sibling.name)
+        together.files.append(sibling)
+    except OSError:
+        with written_whole(path) as copy, open_plain(source) as file:
+            shutil.copyfileobj(file, copy)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
-from defocus_core.io.safe_files import written_together
+from defocus_core.io.safe_files import link_or_copy, written_together
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, through
 from defocus_core.picture.take import Contents, Take, repair_attribute
@@ -108,6 +108,8 @@ def write(take: Take) -> Take:
         raise InputError("unwritable", problem, "run the same command again", path=outputs.root)
     with written_together(outputs.root):
         warnings = [warning for kind in outputs.rows for warning in _write_kind(take, kind)]
+        for name, path in take.job.picture.carried:
+            link_or_copy(path, outputs.root / take.job.names[name])
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
         warnings += [*take.inputs.color.left_out, *_not_finite(take.inputs.color.extras)]
     return replace(take, warnings=(*take.warnings, *warnings))

@@ -20,6 +20,17 @@ from defocus_core.request.output_kinds import KINDS, PREVIEW, Kind
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # prefix of the roles of other frames
 OTHERS = ("hidden", "over", "holdout", "matte")  # roles of pictures that belong to another one
+_LABEL = re.compile(r"[a-z][a-z0-9_]*")
+_RESERVED = {
+    *("color", "depth", FRAME_ROLE, "lens", "aperture", "dp", *OTHERS),
+    *("json", "place", "sample", "shards"),
+}
+
+
+def is_label(name: str) -> bool:
+    """Whether labels may have a name: none that inputs, items or our folders in OUT begin with."""
+    is_free = name not in KINDS and name.partition("_")[0] not in _RESERVED
+    return is_free and _LABEL.fullmatch(name) is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +48,7 @@ class PictureFiles:
     )
     matte: PictureFiles | None = None  # the coverage of its subject; the same file twice
     frame: int | None = None  # its number in a shot
-    carried: tuple[tuple[str, Path], ...] = ()  # labels that go with it, by role
+    carried: tuple[tuple[str, Path], ...] = ()  # labels that are put beside its outputs, by name
 
     @property
     def others(self) -> dict[str, PictureFiles]:
@@ -81,6 +92,7 @@ class Outputs:
     overwrite: bool = False
     map_format: str = "exr"  # or tiff, also float32
     keep_overscan: bool = False  # whether pixels beyond the display window are written
+    labels: tuple[str, ...] = ()  # names of those that are put beside the outputs
     file: str = ""  # name of the only file, in root itself; empty for a folder for each kind
 
     @property
@@ -100,8 +112,8 @@ class Outputs:
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """The folders of the written files."""
-        return (self.root,) if self.file else tuple(self.root / kind for kind in self.kinds)
+        """The folders that files are written to."""
+        return (self.root,) if self.file else tuple(self.root / k for k in self.kinds + self.labels)
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of a picture by kind, and by kind.preview, relative to the root."""
@@ -235,8 +247,9 @@ class Job:
 
     @property
     def names(self) -> dict[str, str]:
-        """The files of the job by kind, and by kind.preview, relative to the root."""
-        return self.outputs.names(self.sample_id)
+        """Every file it writes, relative to the root: of each kind, kind.preview and label."""
+        labels = {k: f"{k}/{self.sample_id}{path.suffix}" for k, path in self.picture.carried}
+        return self.outputs.names(self.sample_id) | labels
 
     @property
     def paths(self) -> dict[str, Path]:

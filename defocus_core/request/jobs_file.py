@@ -23,7 +23,7 @@ A TOML file with the tables
   over-color, over-depth      the plate that elements lie over, in the same form
   holdout-color               deep pictures that hide what is behind them, in the same form
   matte                       the coverage of the subject of each picture, in the same form
-  carry                       labels that are listed with each sample: files, folders or patterns
+  carry                       labels that are put beside the outputs: files, folders or patterns
                               by name, as in ``carry = {masks = "masks/*.png"}``
   list                        CSV or JSONL files with a row for each picture
   pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
@@ -37,11 +37,10 @@ not.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import count
+from itertools import count, filterfalse
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +48,7 @@ from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.row_files import Row, read_rows
 from defocus_core.request.animation import Animation, read_animation
-from defocus_core.request.job import OTHERS, Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading, is_label
 from defocus_core.request.job_options import (
     INPUT_OPTIONS,
     MACHINE_OPTIONS,
@@ -60,7 +59,6 @@ from defocus_core.request.job_options import (
 from defocus_core.request.lens import LensValues
 from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
-from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find, others_of
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses
@@ -131,6 +129,7 @@ def read_batch(
     outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
     quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS, "depth-repair"))
     entries, shot = read_inputs(tables["inputs"])
+    outputs = replace(outputs, labels=tuple(tables["inputs"].values.get("carry", ())))
     if (count := len(entries) * lenses.count) > MAX_JOBS:
         problem, remedy = f"asks for {count} pictures", f"split it into files of at most {MAX_JOBS}"
         raise UsageProblem("out-of-range", problem, remedy, path=path)
@@ -202,8 +201,6 @@ def _lens_file(lens: Table) -> Path | None:
 
 # The options that name files, by their keys.
 _FILES = {key: row.name for key, row in keys_of(INPUT_OPTIONS).items() if row.is_path}
-_LABEL = re.compile(r"[a-z][a-z0-9_]*")
-_ROLES = ("color", "depth", "frame", "lens", "aperture", "dp", *OTHERS)  # begin names of inputs
 _KNOWN = (*LENS_OPTIONS, *_FILES, "stem")
 _KNOWN_SET = frozenset(_KNOWN)
 _TRIED = 100  # first rows, at least one of whose files must exist
@@ -272,10 +269,9 @@ def _carried(table: Table) -> dict[str, Path]:
     if not isinstance(given, dict):
         remedy = 'write carry = {masks = "masks/*.png"}'
         raise UsageProblem("malformed", "is not a table of paths", remedy, path=where)
-    for name in given:
-        if not _LABEL.fullmatch(name) or name in KINDS or name.partition("_")[0] in _ROLES:
-            remedy = "use another one, of small letters, digits and _"
-            raise UsageProblem("malformed", f"cannot name a label '{name}'", remedy, path=where)
+    for name in filterfalse(is_label, given):
+        remedy = "use another one, of small letters, digits and _"
+        raise UsageProblem("malformed", f"cannot name a label '{name}'", remedy, path=where)
     return {name: Path(_path(value, where, name)) for name, value in given.items()}
 
 

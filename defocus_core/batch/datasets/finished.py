@@ -34,7 +34,7 @@ class Sample:
 
     Attributes:
         sample_id: name of the sample, the stem of its files.
-        files: the file of each kind.
+        files: the file of each kind and label.
         inputs: the input file of each role: color, depth, those of hidden and over, and
             depth_sidecar or depth_mask of some depth formats.
         lens: the lens, with the focus distance in mm.

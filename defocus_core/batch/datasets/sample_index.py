@@ -24,7 +24,7 @@ from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.batch.journal.runs import INDEX
 from defocus_core.io.below import Folder
 from defocus_core.picture.take import MEASURES
-from defocus_core.request.job import FRAME_ROLE
+from defocus_core.request.job import FRAME_ROLE, is_label
 from defocus_core.request.lens import EFFECTS
 from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
@@ -96,9 +96,10 @@ def line(entry: Mapping[str, Any]) -> bytes:
 def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
     """The entry of a sample in the index."""
     taken = _pictures(record)
-    outputs = {kind: taken.outputs[kind] for kind in KINDS if kind in taken.outputs}
+    labels = [name for name in taken.outputs if is_label(name)]
+    outputs = {kind: taken.outputs[kind] for kind in (*KINDS, *labels) if kind in taken.outputs}
     paths = {kind: stamp.path for kind, stamp in outputs.items()}
-    first, *others = sorted(paths, key=lambda kind: not KINDS[kind].image)
+    first, *others = sorted(paths, key=lambda kind: kind in labels or not KINDS[kind].image)
     (near, far), (width, height) = taken.coc_px, taken.size
     repair = taken.depth_repair or {}
     return {
@@ -112,7 +113,7 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
         "inputs": {
             role: stamp.path
             for role, stamp in record.inputs.items()
-            if not role.startswith(FRAME_ROLE)  # other frames of a shot
+            if role not in labels and not role.startswith(FRAME_ROLE)  # other frames of a shot
         },
         "lens": _lens(taken.lens),
         "coc_min_px": float(near),

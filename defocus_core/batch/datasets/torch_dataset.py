@@ -73,10 +73,9 @@ class BatchDataset(Dataset[Item]):
         kinds_there, splits = set[str](), set[str]()
 
         def is_wanted(entry: Mapping[str, Any]) -> bool:
-            own = {**entry["outputs"], **entry["inputs"]}
-            kinds_there.update(own)
+            kinds_there.update(entry["outputs"])
             splits.add(str(entry.get("split")))
-            found = own.keys() >= {*self.kinds} and split in (None, entry.get("split"))
+            found = entry["outputs"].keys() >= {*self.kinds} and split in (None, entry.get("split"))
             if found and self.crop is not None:
                 _require_room(Path(out), entry, self.crop)
             return found
@@ -129,7 +128,7 @@ class BatchDataset(Dataset[Item]):
             rows, columns = self._drawn(index, (height, width), self.crop)
         item: Item = {}
         for kind in self.kinds:
-            path = sample.files.get(kind) or sample.inputs[kind]
+            path = sample.files[kind]
             planes = _planes(path, kind)
             if planes.shape[1:] != (height, width):
                 problem = (
@@ -224,7 +223,7 @@ def decode_sample(sample: Mapping[str, Any]) -> Item:
     item: Item = {"lens": _lens(entry["lens"]), "sample_id": entry["sample_id"]}
     for name, data in sample.items():
         kind = name.partition(".")[0]
-        if kind in KINDS:
+        if kind in entry["blake2b"]:
             with as_file(data["bytes"] if isinstance(data, Mapping) else data) as path:
                 item[kind] = torch.from_numpy(np.ascontiguousarray(_planes(path, kind)))
     return item

@@ -20,7 +20,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 from defocus_core.request.origin import origin_of
-from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 
@@ -103,7 +103,7 @@ def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
     for name, mine in groupby(records, lambda record: record.sample_id):
         every = [*mine]
         files = ((kind, s.path) for r in every if r.taken for kind, s in r.outputs.items())
-        if all((out / path).exists() for kind, path in files if kind in KINDS):
+        if all((out / path).exists() for kind, path in files if not kind.endswith(PREVIEW)):
             yield from every
         else:
             gone.append(name)

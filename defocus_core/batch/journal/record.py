@@ -29,9 +29,9 @@ from defocus_core.errors import (
     one_line,
     reason,
 )
-from defocus_core.io.below import path_fault
+from defocus_core.io.below import Folder, path_fault
 from defocus_core.io.safe_files import MALFORMED
-from defocus_core.request.job import SPLIT_NAME
+from defocus_core.request.job import SPLIT_NAME, is_label
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
 
@@ -205,7 +205,7 @@ NO_LINKS: frozenset[str] = frozenset()
 def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
     """The record of a line.
 
-    `linked`: the kinds whose folder in OUT is a link, which is refused; OUT itself may be a link.
+    `linked`: the names of links in OUT: OUT may be one, what lies below it may not.
 
     Raises:
         ValidationError: It is JSON, but not a record.
@@ -216,33 +216,37 @@ def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
     convert(asked.settings, _Settings)
     if "color" not in end.inputs:
         raise ValidationError("Object has no color among its inputs")
-    require_outputs(end.outputs, linked)
+    require_outputs(end, linked)
     if isinstance(end, Taken):
         _require_lens(end.lens)
     return Record(**{**asdict(asked), "status": end.status}, end=end)
 
 
-def require_outputs(outputs: Stamps, linked: frozenset[str]) -> None:
-    """Refuse outputs that are not files in the folders of their kinds in OUT."""
-    for stamp in outputs.values():
-        if output_fault(stamp.path):
+def require_outputs(end: End, linked: frozenset[str]) -> None:
+    """Refuse outputs that are not files in the folders of their kinds or labels in OUT."""
+    for stamp in end.outputs.values():
+        if output_fault(stamp.path, end.inputs):
             raise ValidationError(f"output {stamp.path!r} is not a file of a kind in OUT")
         if (kind := stamp.path.partition("/")[0]) in linked:
             raise ValidationError(f"output {stamp.path!r}, but {kind} is a link, and no folder")
 
 
-def output_fault(path: object) -> str | None:
-    """The problem of the path of an output, as ``leads upwards``, or None."""
+def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
+    """What is wrong with the path of an output, as ``leads upwards``; None if it is one of OUT.
+
+    `inputs`: those of its job by role, labels among them, whose folders have outputs, too.
+    """
     fault = path_fault(path)
     if fault is not None:
         return fault
     kind, _, name = str(path).partition("/")
-    return None if kind in KINDS and name and "/" not in name else "is not a file of a kind in OUT"
+    is_folder = kind in KINDS or (kind in inputs and is_label(kind))
+    return None if is_folder and name and "/" not in name else "is not a file of a kind in OUT"
 
 
 def linked_folders(out: Path) -> frozenset[str]:
-    """The kinds whose folder in OUT is a link."""
-    return frozenset(kind for kind in KINDS if (out / kind).is_symlink())
+    """The names of links in OUT, which are no folders of outputs."""
+    return frozenset(name for name in Folder(out).names() if (out / name).is_symlink())
 
 
 def _require_lens(lens: dict[str, Any]) -> None:

@@ -39,8 +39,8 @@ from defocus_core.system.text import version
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the resolution of times of any file system
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
-# Fields that are places, and not settings.
-_PLACES = ("root", "overwrite", "focus_source", *LENS_FILES)
+# Where OUT is, and where a lens stands, not what it is; labels are among the inputs.
+_PLACES = ("root", "overwrite", "labels", "focus_source", *LENS_FILES)
 _PLAIN = frozenset({str, int, bool, type(None)})
 
 

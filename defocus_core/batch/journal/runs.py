@@ -14,7 +14,7 @@ import os
 import re
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -187,8 +187,8 @@ def begun_samples(out: Path, shard: Shard | None) -> set[str]:
     return set().union(*(run.jobs for part in parts if (run := open_run(out, part)) is not None))
 
 
-def sweep_up(out: Path) -> None:
-    """Remove half-written files of killed processes; the lock of OUT must be held.
+def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:
+    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
 
     Files of the index and shards, written without the lock by live processes, stay.
     """
@@ -197,7 +197,7 @@ def sweep_up(out: Path) -> None:
         for name in left_in(out / folder):
             with suppress(OSError):
                 below.remove(f"{folder}/{name}" if folder else name)
-    for folder in KINDS:
+    for folder in (*KINDS, *labels):
         with suppress(OSError):
             for name in below.names(folder):
                 if LEFTOVER.fullmatch(name):

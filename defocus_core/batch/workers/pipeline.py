@@ -27,6 +27,7 @@ import msgspec
 from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.record import Failed, Repair, Seconds, Stamp, Taken, failure
 from defocus_core.batch.workers.run import Chunk, Done
+from defocus_core.io.safe_files import read_head
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take, measures, repair_record
@@ -57,6 +58,8 @@ class Reader:
         self._last = None  # free a picture before the next is decoded
         start, stamps = time.perf_counter(), _stamps(job.files)
         try:
+            for _, label in job.picture.carried:
+                read_head(label)
             inputs = plain_path.read(job)
         except Exception as error:
             return failure(error, "read", stamps)

@@ -309,9 +309,10 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
     """Do jobs that write to OUT. A lone job of one file needs no lock and no journal."""
     has_journal = not writes_file(jobs)
     lock = runs.locked(out, execution.shard) if has_journal else nullcontext(lambda: None)
+    labels = {label for job in jobs for label in job.outputs.labels}
     with _output_folders({job.outputs for job in jobs}, out), lock as require_lock:
         if has_journal and execution.shard is None:
-            runs.sweep_up(out)  # half-written files of killed runs
+            runs.sweep_up(out, labels)  # half-written files of killed runs
             runs.gather(out)
         elif execution.shard is not None:  # other shards write to OUT, too
             runs.refuse_other_division(out, execution.shard)
@@ -334,7 +335,7 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
                         execution.execute(state.chunks(), done, state.stopped)
                 require_lock()
             if has_journal and execution.shard is None:
-                runs.sweep_up(out)
+                runs.sweep_up(out, labels)
         elif has_journal and execution.shard is None:
             runs.run_path(out).unlink(missing_ok=True)
         if has_journal:

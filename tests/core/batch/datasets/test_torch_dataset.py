@@ -1,7 +1,10 @@
 """A finished batch as tensors: what the files hold, joined by torch's own loader."""
 
+import errno
 import itertools
 import pickle
+import tarfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +15,8 @@ from depth_files import png
 from refusals import refuses
 from torch.utils.data import DataLoader
 
-from defocus_core import BatchDataset, run_batch
+from defocus_core import BatchDataset, decode_sample, run_batch
+from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 
 
@@ -129,7 +133,11 @@ def test_a_split_and_a_transform(out):
     assert not names[0] & names[1]
 
 
-def test_labels_are_listed_and_cropped_with_their_sample(tmp_path):
+def refuse_link(*_):
+    raise OSError(errno.EXDEV, "Invalid cross-device link")
+
+
+def test_labels_are_beside_their_sample_and_cropped_with_it(tmp_path, monkeypatch):
     for number, stem in enumerate("ab"):
         color, depth = pair(tmp_path, stem)
         size = read_exr(color)["R"].shape
@@ -149,9 +157,26 @@ def test_labels_are_listed_and_cropped_with_their_sample(tmp_path):
         "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
         "outputs": {"kinds": ["coc"]},
     }
-    run_batch(tables, tmp_path / "out")
-    for sample in samples(tmp_path / "out"):
-        assert sample.inputs["masks"].name == f"{sample.sample_id}.png"
+    out = tmp_path / "out"
+    run_batch(tables, out)
+    tar_shards.write(out, 10**6)
+    names = set()
+    for sample in samples(out):
+        for name, end in (("masks", "png"), ("normals", "exr")):
+            assert sample.files[name] == out / name / f"{sample.sample_id}.{end}"
+            assert sample.files[name].samefile(tmp_path / name / f"{sample.sample_id[0]}.{end}")
+            names.add(f"{sample.sample_id}.{name}.{end}")
+    with tarfile.open(out / "shards" / "samples-000000.tar") as tar:
+        assert names < {*tar.getnames()}
+        rows = {m.name.partition(".")[2]: tar.extractfile(m).read() for m in tar}
+    assert decode_sample(rows)["normals"].shape[0] == 2
+    assert run_batch(tables, out).skipped == 2
+    sample.files["masks"].unlink()
+    with monkeypatch.context() as patch:  # another file system
+        patch.setattr(Path, "hardlink_to", refuse_link)
+        assert run_batch(tables, out).skipped == 1
+    assert not sample.files["masks"].samefile(tmp_path / "masks" / "b.png")
+    assert sample.files["masks"].read_bytes() == (tmp_path / "masks" / "b.png").read_bytes()
     for number, item in enumerate(
         BatchDataset(tmp_path / "out", ["coc", "masks", "normals"], crop=4)
     ):
@@ -160,9 +185,19 @@ def test_labels_are_listed_and_cropped_with_their_sample(tmp_path):
         cut = whole[top : top + 4, left : left + 4].int()
         assert torch.equal(item["masks"], cut[None])
         assert torch.equal(item["normals"], torch.stack([2 * cut, -cut]).float())
+    with refuses("replaces-input"):
+        run_batch(tables, tmp_path)
     (tmp_path / "masks" / "b.png").unlink()
     with refuses("empty"):
         run_batch(tables, tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["coc", "shards", "json", "../up", "a.b", "Masks"])
+def test_a_label_is_no_kind_and_no_path(name, tmp_path):
+    color, depth = pair(tmp_path, "a")
+    inputs = {"color": str(color), "depth": str(depth), "carry": {name: str(color)}}
+    with refuses("malformed"):
+        run_batch({"inputs": inputs, "lens": {"blur": "2px", "focus": "2m"}}, tmp_path / "out")
 
 
 @pytest.mark.parametrize(

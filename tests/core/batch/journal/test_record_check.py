@@ -108,6 +108,25 @@ def test_an_output_that_is_no_file_of_out_is_refused(path, tmp_path):
         Ledger(tmp_path)
 
 
+def test_an_output_of_a_label_is_a_file_in_its_folder_and_of_an_input(tmp_path):
+    line = record(tmp_path, "a")
+    line["outputs"] |= {"masks": {"path": "masks/a.png"}}
+    journal_of(tmp_path, line)
+    with refuses("damaged", "not a file of a kind"):
+        Ledger(tmp_path)
+    line["inputs"] |= {"masks": {"path": "masks/a.png"}, "shards": {"path": "a.png"}}
+    journal_of(tmp_path, line)
+    assert len(list(Ledger(tmp_path).records())) == 1
+    (tmp_path / "masks").symlink_to(tmp_path)
+    with refuses("damaged", "masks is a link"):
+        Ledger(tmp_path)
+    (tmp_path / "masks").unlink()
+    for path in ("masks/../a.png", "masks/b/a.png", "shards/a.png"):
+        journal_of(tmp_path, {**line, "outputs": {"masks": {"path": path}}})
+        with refuses("damaged"):
+            Ledger(tmp_path)
+
+
 def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     out.mkdir()
