@@ -179,7 +179,7 @@ def dataset_sample():
 
 
 def of_v2(sample):
-    tv = pytest.importorskip("torchvision.tv_tensors")
+    tv = pytest.importorskip("torchvision.tv_tensors", reason="not on this system: torchvision")
     mask = tv.Mask(sample["masks"])
     return {
         **sample,
