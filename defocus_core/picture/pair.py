@@ -1,4 +1,4 @@
-"""Colour and depth of a picture, decoded: of one size, with a depth where it is not empty."""
+"""Decoded colour and depth of a picture, of one size, with valid depth where it is not empty."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from defocus_core.system.text import note
 
 
 def read(wanted: InputPair) -> tuple[Color, Depth]:
-    """Colour and depth of the same size, whose pixels are all valid."""
+    """Colour and depth of the same size, with all pixels valid."""
     picture, asked = wanted.picture, wanted.reading.resize_depth
     shared = picture.color == picture.depth
     if shared and wanted.reading.resize_depth is None and not is_exr(read_head(picture.color)):
@@ -61,7 +61,7 @@ def parts_of(picture: PictureFiles, reading: Reading) -> tuple[int | None, int |
 
 
 def _decode(wanted: InputPair) -> InputPair:
-    """The pair as its files hold it."""
+    """The pair as decoded from its files."""
     picture, reading = wanted.picture, wanted.reading
     color_part, depth_part = parts_of(picture, reading)
     shared = picture.color == picture.depth
@@ -100,8 +100,8 @@ def _decode(wanted: InputPair) -> InputPair:
 def overscan_of(wanted: InputPair) -> Overscan:
     """The pixels beyond the display window that colour and depth of a picture both have.
 
-    A depth file without windows has them if it is of the size of the colour's data window and
-    display window together.
+    A depth file without windows has overscan if its size is that of the union of the colour's data
+    window and display window.
     """
     picture, reading, whole = wanted.picture, wanted.reading, wanted.whole
     color_part, depth_part = parts_of(picture, reading)
@@ -119,24 +119,24 @@ def overscan_of(wanted: InputPair) -> Overscan:
     deeper = replace(reading, part=depth_part)
     try:
         depth = choose_depth_channel(picture.depth, headers, deeper).header
-    except NoDepthChannel:  # a plate needs none; of others who reads it says it
+    except NoDepthChannel:  # a plate needs none; for others the reader reports it
         return overscan
     return overscan.within(depth.data.beyond(depth.display, whole=whole))
 
 
 def read_overscan(wanted: InputPair) -> InputPair:
-    """The picture with the pixels beyond the one shown that it is read with."""
+    """The picture with the overscan to read."""
     overscan = overscan_of(wanted)
     return replace(wanted, overscan=overscan.within(wanted.limit or overscan))
 
 
 def stretch_words(share: float) -> str:
-    """The same in words; empty of none."""
+    """A stretch in words; empty without one."""
     return f", stretched by {abs(share):.2%}" if share else ""
 
 
 def resized(given: InputPair) -> InputPair:
-    """The depth at the size of its colour; any mean of two surfaces is one that is not there."""
+    """The depth at the size of its colour, without means of two surfaces."""
     color, depth, reading = given.color, given.depth, given.reading
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     share = stretched((columns, rows), (width, height))
@@ -178,7 +178,7 @@ def _guided(depth: Depth, color: Color) -> NDArray[np.float32]:
     if not depth.is_relative:
         metres: NDArray[np.float32] = guided_depth(given, image).numpy()
         return metres
-    # Disparity of any scale, taken as 1 at its farthest and 2 at its nearest number.
+    # Disparity of any scale, mapped to 1 at its farthest and 2 at its nearest number.
     far, near = (float(end) for end in torch.aminmax(given))
     if depth.inverted:
         far, near = near, far

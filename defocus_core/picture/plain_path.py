@@ -1,6 +1,6 @@
-"""The plain path of a picture: read, radii, scene, render within the memory there is, write.
+"""The plain path of a picture: read, radii, scene, render within the memory, write.
 
-What else may happen to it is a row of `steps.table`, in the order in which it happens.
+Other steps are rows of `steps.table`, in their order.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ __all__ = ["choose_device", "compute", "load", "prepare", "read", "renderers", "
 
 
 def read(job: Job) -> Inputs:
-    """Decode the picture of a job, and what lies behind or below it if that is wanted and there."""
+    """Decode the picture of a job, and its hidden layer, plate and matte, if any."""
     require_room(job)
     color, depth = read_pair(InputPair.of(job))
     inputs = Inputs(arrays_mb(job), color, depth, empty=depth.empty)
@@ -52,7 +52,7 @@ def read(job: Job) -> Inputs:
 
 
 def prepare(job: Job, inputs: Inputs) -> Take:
-    """The picture as far as it is known before rendering: its lens, its radii."""
+    """The take of a picture before rendering, with its lens and radii."""
     depth = inputs.depth
     if "depth" in job.outputs.kinds and depth.is_radius:
         holds = "relative disparity" if depth.is_relative else "radii"
@@ -74,10 +74,9 @@ def prepare(job: Job, inputs: Inputs) -> Take:
 
 
 def compute(take: Take, progress: Progress | None = None) -> Take:
-    """The picture with the images and maps that its job asks for, once it is prepared.
+    """The take with the images and maps of its job; it must be prepared.
 
-    Of those that need rendering as many regions at once as fit into memory; and one by one if a GPU
-    runs out of it.
+    As many regions are rendered at once as fit into memory, or one by one if a GPU runs out of it.
 
     `progress`: called with (tiles done, tiles in all).
     """
@@ -101,9 +100,9 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
                     fitting, bound = regions_at_once(job, renderer, inputs.arrays_mb, take.device)
                 images.bound = max(images.bound, bound)
                 if bound > _LARGE_MB or memory.held_mb() + bound > limit:
-                    memory.trim()  # of what is read much is freed
+                    memory.trim()  # much of the input is freed
                 shown = partial(_of_all, progress, limit, number, len(passes))
-                images.invented = 0  # of one rendering
+                images.invented = 0  # seconds of one rendering
                 for part in renderer.tiles(fitting, shown):
                     images.place(part, each, first=number == 0)
             return _rendered(take, images, surfaces, renderer, begun)
@@ -119,7 +118,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
 def _rendered(
     take: Take, images: _Images, surfaces: Surfaces, renderer: Renderer, begun: tuple[float, float]
 ) -> Take:
-    """The picture with its images; ``begun``: seconds, and those of processors, at the start."""
+    """The take with its images; ``begun``: wall and CPU seconds at the start."""
     import torch
 
     if take.device == "cuda":
@@ -158,7 +157,7 @@ def choose_device(name: str) -> str:
 def load() -> None:
     """Import torch and the renderer, which takes seconds, and set up the allocator."""
     memory.share_heap()
-    memory.keep_freed()  # what is read leaves room for what is rendered
+    memory.keep_freed()  # freed inputs leave room for rendering
     with delayed_signals(), imports():
         import OpenImageIO  # noqa: F401
         import torch  # noqa: F401
@@ -168,11 +167,11 @@ def load() -> None:
 
 
 Progress = Callable[[int, int], None]
-# Share of the pixels of left or right from which on a warning says that they were negative.
+# Share of negative pixels of left or right, from which on there is a warning.
 _MANY_CLAMPED = 0.01
 _TRUSTED = 0.99  # share of the lens
-_LARGE_MB = 500.0  # a picture that takes so long that freed memory given back costs no time
-_FULL = 0.9  # share of the limit of memory from which on freed memory is given back
+_LARGE_MB = 500.0  # pixels of a picture so slow that giving freed memory back costs no time
+_FULL = 0.9  # share of the memory limit, from which on freed memory is given back
 
 
 def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
@@ -186,7 +185,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
 
 
 def _idle(take: Take, surfaces: Surfaces) -> list[str]:
-    """A warning if the width of edges that was given made no difference."""
+    """A warning if a given width of edges had no effect."""
     width = take.job.reading.edge_width
     if width is None or surfaces.repair.fraction or take.inputs.plate:
         return []
@@ -205,7 +204,7 @@ def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
 def _of_all(
     progress: Progress | None, limit: float, number: int, count: int, done: int, tiles: int
 ) -> None:
-    """Tell of the tiles of all passes; what tiles freed between what others hold goes back."""
+    """Report the tiles of all passes, and give fragmented freed memory back."""
     if memory.held_mb() > _FULL * limit:
         memory.trim()
     if progress is not None:
@@ -213,14 +212,14 @@ def _of_all(
 
 
 class _Images:
-    """The images of a job while they are rendered.
+    """The images of a job during rendering.
 
     Attributes:
-        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
+        planes: arrays [H, W] of each rendered kind: C for each view of an image, one for a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
         reach: px that light reaches at most.
         bound: MB that rendering takes at most.
-        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
+        invented: number of pixels with a trust below `_TRUSTED`.
     """
 
     def __init__(self, take: Take) -> None:
@@ -237,9 +236,9 @@ class _Images:
             self.planes[kind.name] = tuple(np.zeros((height, width), dtype) for _ in range(count))
 
     def place(self, part: ViewTensors, of: Pass, *, first: bool = True) -> None:
-        """Copy a rendered region to its place: the channels and kinds that were rendered.
+        """Copy the rendered channels and kinds of a region to their place.
 
-        Of trust, after the first colours, the least of all.
+        The trust is the least of all colours.
         """
         if of.order:
             part = part._replace(images=[image[list(of.order)] for image in part.images])

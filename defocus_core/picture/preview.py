@@ -1,4 +1,4 @@
-"""Pictures to look at, never to measure: PNG previews of 8 bit, and the picture in false colour."""
+"""Previews: 8-bit PNG, and the picture in false colour; never for measurement."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_t
 from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
 from defocus_core.io.images.raster import PLAIN_CHANNELS
 
-# sRGB; orange against blue stays apart for all common kinds of colour vision.
+# sRGB; orange and blue differ for all common kinds of colour vision.
 NEAR = (0.85, 0.37, 0.01)
 IN_FOCUS = (1.0, 1.0, 1.0)
 FAR = (0.10, 0.35, 0.70)
@@ -56,7 +56,7 @@ def largest(values: NDArray[Any]) -> float:
 
 
 def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
-    """Colours 0…1 in sRGB, [H, W, 3], of signed radii [H, W], full from a |radius| on.
+    """Colours 0…1 in sRGB, [H, W, 3], of signed radii [H, W]; saturated from |radius| = full on.
 
     NaN is black.
     """
@@ -75,7 +75,7 @@ _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
     """The red, green and blue planes [H, W], linear light.
 
-    `light`: of each colour [H, W], linear; `radius`: signed CoC radius in px, [H, W].
+    `light`: linear light [H, W] of each colour; `radius`: signed CoC radius in px, [H, W].
     """
     maximum = largest(radius)
 

@@ -1,4 +1,4 @@
-"""The signed radii of a depth through a lens: the one way from metres to px of radius."""
+"""The signed radii of a depth through a lens: the only conversion from metres to px of radius."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 
 MM_PER_M = 1000.0
-_NEAREST = 1e-12  # m; nothing is as near
-_MAX_PX = 1e6  # wider than any frame
-_FARTHEST_PX = 1e8  # what the renderer takes
+_NEAREST = 1e-12  # m; nearer than any scene
+_MAX_PX = 1e6  # px, wider than any frame
+_FARTHEST_PX = 1e8  # px, limit of the renderer
 
 
 def radii_of(lens: LensValues, depth: Depth) -> Radii:
-    """The radii of a whole frame; those of a file of radii as they are."""
+    """The radii of a whole frame, or those of a file of radii."""
     import torch
 
     px, infinity, scale = depth.metres, None, 1.0
@@ -52,7 +52,7 @@ def radii_of(lens: LensValues, depth: Depth) -> Radii:
 
 
 def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
-    """The radii of relative disparity, linear in its numbers, 0 at the ends of what is sharp."""
+    """The radii of relative disparity, linear in its numbers, 0 at the ends of the sharp range."""
     import torch
 
     from defocus_core.depth.ramps import radius_from_relative_disparity
@@ -74,20 +74,20 @@ def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
 
 
 def sharp_numbers(lens: LensValues) -> tuple[float, float]:
-    """The least and the greatest number of a relative depth in focus through a lens with a blur."""
+    """The least and the greatest number in focus of relative depth, for a lens with a blur."""
     assert lens.focus_value is not None
     numbers = (lens.focus_value, *(lens.sharp_range or ()))
     return min(numbers), max(numbers)
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
-    """The radii of which none is larger than ``limit`` px."""
+    """The radii, limited to ``limit`` px."""
     limit = min(limit, float(np.finfo(np.float32).max))
     larger = np.abs(radii.px) > np.float32(limit)
     if depth.empty is not None:
         larger &= ~depth.empty
     clamped = int(np.count_nonzero(larger))
-    whole = np.clip(radii.px, -limit, limit)  # those of a file are other jobs', too
+    whole = np.clip(radii.px, -limit, limit)  # other jobs share those of a file
 
     def within(radius: float) -> float:
         return min(max(radius, -limit), limit)
@@ -118,9 +118,9 @@ def _radii_at(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.fl
 
 
 def color_offsets(lens: LensValues, size: tuple[int, int]) -> tuple[float, float]:
-    """Px by which the signed radii of red and of blue differ from those of green.
+    """The differences in px of the signed radii of red and of blue from those of green.
 
-    Of a blur in px the shifts are shares of it.
+    With a blur in px, shifts are shares of it.
     """
     from defocus_core.optics.axial_color import color_offset
 
@@ -156,7 +156,7 @@ def thin_lens_of(lens: LensValues, size: tuple[int, int]) -> ThinLens:
 def _refuse_infinite(
     radius: NDArray[np.float32], fnum: float, metres: NDArray[np.float32], path: Path | None = None
 ) -> None:
-    """Refuse radii beyond all numbers; `path`: the file of the depth, if it is of one."""
+    """Refuse infinite radii; `path`: the file of the depth, if any."""
     if (finite := np.isfinite(radius)).all():
         return
     if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
@@ -169,7 +169,7 @@ def _refuse_infinite(
 
 
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
-    """The least and greatest radius, in px, of what is there; not of what no frame would hold."""
+    """The least and greatest radius in px of non-empty pixels; refuses those beyond any frame."""
     radius = px if depth.empty is None else px[~depth.empty]
     radius = radius[np.isfinite(radius)] if depth.is_radius else radius
     least, greatest = (float(radius.min()), float(radius.max())) if radius.size else (0.0, 0.0)
@@ -190,7 +190,7 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
     raise InputError("too-blurred", problem, remedy, path=depth.path)
 
 
-# Where the sharpest pixel is blurred by more than both, nothing in the picture is in focus.
+# Nothing is in focus if the sharpest pixel is blurred by more than both: px, and a share
 SHARP_PX = 2.0  # CoC radius
 SHARP_SHARE = 0.25  # of the greatest CoC radius
 _UNREAL = ("worlddepth", "scenedepth", "imagedepth")  # channels that Unreal writes, in centimetres
@@ -198,9 +198,9 @@ _HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def doubt_depth(take: Take) -> Take:
-    """The take with warnings where its depth, as understood, does not fit lens or files.
+    """The take with warnings if its depth, as read, does not fit lens or files.
 
-    At most one of the radii, the strongest, and one of the file.
+    At most one warning concerns the radii, the strongest, and one the file.
     """
     declared, depth, own = take.job.reading.says_scale, take.inputs.depth, take.radii
     words = of_radii(depth, own.px, own.limits, take.lens, declared=declared)
@@ -237,7 +237,7 @@ def of_radii(
 
 
 def _least_blur(radius: Any, greatest: float) -> str:
-    """The blur of the sharpest pixel, in words, where nothing is in focus; empty elsewhere."""
+    """The blur of the sharpest pixel in words, if nothing is in focus; else empty."""
     if greatest <= SHARP_PX:
         return ""
     sharpest = float(np.abs(radius).min())
@@ -246,7 +246,7 @@ def _least_blur(radius: Any, greatest: float) -> str:
 
 
 def _range_text(depth: Depth) -> str:
-    """The range of the depth that is not sky, like ``from 2m to 40m``."""
+    """The range of the depth without sky, like ``from 2m to 40m``."""
     nearest = float(depth.metres.min())
     farthest = float(np.max(depth.metres, where=np.isfinite(depth.metres), initial=0.0))
     if math.isinf(nearest):
@@ -256,7 +256,7 @@ def _range_text(depth: Depth) -> str:
 
 
 def of_file(depth: Depth, *, declared: bool) -> Iterator[str]:
-    """Evidence of the file's name, channel and neighbours, of a convention nobody declared."""
+    """Evidence of an undeclared convention by the file's name, channel and neighbours."""
     if declared:
         return
     path, channel = depth.path, depth.channel.lower()

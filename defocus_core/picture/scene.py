@@ -1,4 +1,4 @@
-"""Scene: what a lens sees of a take, as the torch folders read it, and how it is rendered."""
+"""The scene of a take for the renderer, and its passes and settings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def surfaces_of(take: Take) -> Surfaces:
-    """The surfaces of a take, with all that happens to them."""
+    """The surfaces of a take, after all steps of the scene."""
     from defocus_core.depth.diagnosis import DepthRepair
 
     color, device = take.inputs.color, take.device
@@ -33,7 +33,7 @@ def surfaces_of(take: Take) -> Surfaces:
 
 
 def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
-    """All that is rendered of surfaces; what says most of the picture comes last."""
+    """The passes of surfaces; the most important one comes last."""
     take = surfaces.take
     channels = tuple(range(len(take.inputs.color.planes)))
     return through(PASSES, (Pass(take, _scene(surfaces), settings_of(take), channels, channels),))
@@ -52,7 +52,7 @@ def _scene(surfaces: Surfaces) -> Scene:
 
 
 def settings_of(take: Take) -> Settings:
-    """The options of the renderer; what a step has not repaired stays."""
+    """The options of the renderer, which does not repair depth itself."""
     from defocus_core.renderer.engine.settings import Settings
 
     job = take.job
@@ -69,7 +69,7 @@ def settings_of(take: Take) -> Settings:
 
 
 def stack_layers(surfaces: Surfaces) -> Surfaces:
-    """The surface of each layer."""
+    """The surfaces with one for each layer."""
     take = surfaces.take
     layers, device = take.inputs.layers, take.device
     assert layers is not None
@@ -88,7 +88,7 @@ def stack_layers(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """The passes, whose light has no alpha, or that of a holdout at its end."""
+    """The passes with light without alpha, or with that of a holdout at its end."""
     inputs = every[0].take.inputs
     layers, alpha = inputs.layers, len(inputs.color.light)
     assert layers is not None
@@ -106,7 +106,7 @@ def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def repair_surfaces(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the radii by which they are rendered; the repair is that of the first."""
+    """The surfaces with the radii to render with; the repair is that of the first."""
     from defocus_core.depth.repair import repair_depth
 
     take, longer = surfaces.take, surfaces.take.longer_axis
@@ -133,9 +133,9 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
 
 
 def light_lamps(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the light of their lamps, as they are if one of them has light above 1.
+    """The surfaces with the light of their lamps, unchanged if one has light above 1.
 
-    What is in focus stays as it is.
+    Pixels in focus do not change.
     """
     from defocus_core.tensors.clipped_lights import ClippedLights
 
@@ -148,7 +148,7 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
     if any(each.measured for each in lamps):
         return replace(surfaces, lamps=0)
     color = surfaces.take.inputs.color
-    first = len(color.channels) if surfaces.coverage is None else colors  # of passes; alpha is gone
+    first = len(color.channels) if surfaces.coverage is None else colors  # passes without alpha
     shares = {
         first + number: color.channels.index(own)
         for number, name in enumerate(color.passes)
@@ -162,11 +162,11 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 
 
 def _with_passes(old: Tensor, lit: Tensor, shares: Mapping[int, int]) -> Tensor:
-    """Light [C, H, W] whose passes are the same shares of its colours as before.
+    """Light [C, H, W] with passes scaled like their colours.
 
-    `shares`: by the index of each pass that of its colour.
+    `shares`: the index of the colour of each pass, by its index.
     """
-    lit = lit.clone() if shares else lit  # it may be the light as it was
+    lit = lit.clone() if shares else lit  # it may be the old light
     for pass_, color in shares.items():
         is_lit = old[color] > 0
         gain = (lit[color] / old[color].where(is_lit, 1)).where(is_lit, 1)
@@ -175,7 +175,7 @@ def _with_passes(old: Tensor, lit: Tensor, shares: Mapping[int, int]) -> Tensor:
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """Each group of colours, as a scene of its own."""
+    """A pass for each group of colours."""
     (whole,) = every
     take = whole.take
     return tuple(
@@ -185,9 +185,9 @@ def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
-    """The channels that are rendered together: all, or red, blue, then all others.
+    """The groups of channels to render together: all, or red, blue, then all others.
 
-    Of each the px that its radii are apart from those of the lens.
+    Each has the px to add to the radii of the lens.
     """
     color = take.inputs.color
     ends = [name.rpartition(".")[2] for name in (*color.channels, *color.passes)]
@@ -202,12 +202,12 @@ def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
 
 
 def picture_on(planes: Sequence[Any], device: str) -> Tensor:
-    """NumPy's arrays [H, W] as a picture [C, H, W] on a device; decoded ones are not copied."""
+    """NumPy arrays [H, W] as a picture [C, H, W] on a device; decoded ones are not copied."""
     return map_on(block_of(planes), device)
 
 
 def map_on(values: Any, device: str) -> Tensor:
-    """An array of NumPy as a tensor on a device; on a CPU it may be the same memory."""
+    """A NumPy array as a tensor on a device; on a CPU it may share the memory."""
     import torch
 
     values = np.asarray(values)
@@ -222,7 +222,7 @@ def layers_on(pictures: Sequence[Tensor]) -> Tensor:
 
 
 def to_array(values: Tensor) -> Any:
-    """A tensor as an array in memory, after waiting for the work on the GPU that it needs."""
+    """A tensor as an array in memory, after the GPU has finished its work."""
     import torch
 
     if not values.is_cuda:

@@ -1,8 +1,8 @@
-"""The subject of a picture: what is in focus, and how blurred the rest is, where nobody says it.
+"""The subject of a picture: default focus and blur of relative depth.
 
-A lone picture whose depth is relative needs no lens: its most blurred pixel gets `SHARE_OF_SIDE` of
-the longer side, and its subject is in focus, with all of its surface. Where depth is in metres, a
-lens is asked for, in one error with a command that runs. Batches never guess.
+A lone picture with relative depth needs no lens: its most blurred pixel gets `SHARE_OF_SIDE` of the
+longer side, and the whole surface of its subject is in focus. Depth in metres needs a lens; the
+error has a command that runs. Batches never guess.
 """
 
 from __future__ import annotations
@@ -42,33 +42,33 @@ from defocus_core.request.resolver import (
 )
 from defocus_core.system.text import command_line, note
 
-SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
-# A surface takes such a share of the middle half of the picture, and such a share of the disparity
-# there: of six such surfaces one takes a sixth, so that there always is one.
+SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, as a share of the longer side
+# Least share of the middle half of the picture, and greatest share of the disparity there, of a
+# surface: one of six such surfaces has at least a sixth, so that there always is one.
 _LEAST_SHARE, _THICKNESS = 0.08, 1 / 6
 _LOOKED_AT = 1 << 20  # pixels
-# Within such a share of the longer side a surface changes by such a share of all disparities at
-# most: a floor that goes through all of them in half of the picture by half of it, an edge by more.
+# Within this share of the longer side a surface changes by at most this share of all disparities: a
+# floor that spans all of them in half of the picture changes by half of it, an edge by more.
 _NEAR_BY, _STEP = 0.01, 0.04
-# Shares of all numbers that a surface in focus may take; which of them is taken of a surface that
-# grows with the share, as a floor does; and the growth by that of the share that is none.
+# Shares of all numbers that a surface in focus may span; the index of that for a surface that grows
+# with the share, like a floor; and the relative growth that counts as none.
 _THICKNESSES, _OF_FLOOR, _GROWTH = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4), 2, 0.3
-_PLACES = 17  # of such a range about the number in focus that are tried
+_PLACES = 17  # places of such a range about the number in focus that are tried
 _SEARCHED = 1 << 17  # pixels
-_EVEN = 0.15  # evidence of which end is near that is none
+_EVEN = 0.15  # evidence of the near end below which it is unknown
 _UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
 _LENS = LensValues(85.0, 1.4, None)  # @portrait-85
 
 
 class FoundPixel(NamedTuple):
-    """A pixel of what is in focus, and the size of the map that it is counted in."""
+    """A pixel in focus, and the size of its map."""
 
     x: int
     y: int
     size: tuple[int, int]
 
     def within(self, size: tuple[int, int]) -> tuple[int, int]:
-        """The same place in a picture of a width and a height."""
+        """The same place in a picture of another (width, height)."""
         x, y = (
             int((place + 0.5) * wanted / own)
             for place, wanted, own in zip(self[:2], size, self.size, strict=True)
@@ -77,11 +77,11 @@ class FoundPixel(NamedTuple):
 
 
 def subject_of(depth: Depth) -> FoundPixel:
-    """The nearest surface that takes 8 % of the middle half of a picture.
+    """The nearest surface that covers at least 8 % of the middle half of a picture.
 
-    The middle half is that of the width and of the height. A surface is what lies within a sixth of
-    the disparities there; the pixel is one of its median disparity, next to its middle, and not on
-    the ramp of an edge.
+    The middle half is that of the width and of the height. A surface spans at most a sixth of the
+    disparities there. The pixel has the median disparity of the surface, is near its middle, and
+    not on the ramp of an edge.
     """
     every, step = _looked_at(depth)
     middle = tuple(slice(n // 4, max(n - n // 4, 1)) for n in every.shape)
@@ -104,7 +104,7 @@ def subject_of(depth: Depth) -> FoundPixel:
 
 
 def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
-    """Disparities [h, w] of some pixels, greater is nearer, NaN if unknown; and their step."""
+    """Sampled disparities [h, w], greater is nearer, NaN if unknown; and the step of samples."""
     step = math.isqrt(math.prod(depth.metres.shape) // _LOOKED_AT) + 1
     numbers = np.asarray(depth.metres[:][::step, ::step], np.float64)
     if depth.is_relative:
@@ -115,20 +115,20 @@ def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
 
 
 def on_ramp(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a disparity [H, W] is between those of two surfaces, as on the ramp of a soft edge."""
+    """Where a disparity [H, W] lies between those of two surfaces, as on a soft edge."""
     lowest, highest, step = _around(disparity)
     return np.asarray(np.minimum(disparity - lowest, highest - disparity) > step / 2)
 
 
 def _around(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """The least and the greatest disparity around each pixel, and the most that a surface has."""
+    """The least and the greatest disparity around each pixel, and the limit of their difference."""
     reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
     lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
     return lowest, highest, _STEP * _range(disparity)
 
 
 def _range(values: NDArray[Any]) -> float:
-    """The greatest less the least value, NaN aside."""
+    """The greatest minus the least value, ignoring NaN."""
     return float(np.fmax.reduce(values, axis=None) - np.fmin.reduce(values, axis=None))
 
 
@@ -142,11 +142,11 @@ def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
 
 
 def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
-    """The numbers of the surface that a pixel of a relative depth shows; None if it has but one.
+    """The range of numbers of the surface at a pixel of relative depth; None if it has only one.
 
-    The surface is the pixels connected with it whose numbers lie within a range: a range that may
-    grow without taking in more pixels ends at the edges of a subject (as of maximally stable
-    regions, J. Matas et al., BMVC 2002). A floor grows for ever, and 15 % of all numbers are taken.
+    The surface is the connected pixels with numbers in a range. A range that can grow without
+    adding pixels ends at the edges of a subject (maximally stable regions, J. Matas et al., BMVC
+    2002). A floor always grows; its range is 15 % of all numbers.
     """
     every, step = _looked_at(depth)
     finer = math.isqrt(every.size // _SEARCHED) + 1
@@ -167,7 +167,7 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
 def _largest(
     smooth: NDArray[np.bool_], every: NDArray[np.float64], place: tuple[int, int], share: float
 ) -> NDArray[np.bool_]:
-    """The largest surface through a place whose numbers take a share of all of them."""
+    """The largest surface through a place that spans a share of all numbers."""
     thickness, apart = share * _range(every), every - every[place]
     within = (
         smooth & (apart >= -below) & (apart <= thickness - below)
@@ -177,7 +177,7 @@ def _largest(
 
 
 def _stable(surfaces: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """The last of the first surfaces of `_THICKNESSES` that hardly grow; or that of a floor."""
+    """The last of the first surfaces of `_THICKNESSES` that hardly grow, or that of a floor."""
     areas, shares = np.array([np.count_nonzero(each) for each in surfaces]), np.array(_THICKNESSES)
     calm = np.diff(areas) / areas[:-1] < _GROWTH * np.diff(shares) / shares[:-1]
     if not calm.any():
@@ -187,7 +187,7 @@ def _stable(surfaces: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
 
 
 def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bool_]:
-    """The pixels of a mask that hang together with one of them."""
+    """The pixels of a mask that are connected with one of them."""
     import torch
 
     from defocus_core.tensors.clipped_lights import Runs
@@ -211,10 +211,10 @@ def with_blur_and_focus(
     *,
     whole_subject: bool = True,
 ) -> tuple[PictureLenses, Reading]:
-    """The lenses with blur and focus of a lone picture of relative depth, which a note says.
+    """The lenses with default blur and focus for a lone picture of relative depth, and a note.
 
-    The reading says which end is near, if the picture shows that it is black. `whole_subject`:
-    whether all of its surface is sharp, where no lens file is given.
+    The reading is inverted if the picture shows that black is near. `whole_subject`: whether the
+    whole surface is sharp, if no lens file is given.
     """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses, reading
@@ -239,7 +239,7 @@ def with_blur_and_focus(
 
 
 def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
-    """The reading with the end of relative depth that is near, and what decides it, in words."""
+    """The reading with the near end of relative depth, and the evidence in words."""
     shown = white_is_near(depth)
     if abs(shown) < _EVEN:
         return reading, "; white is taken as near, add ‹invert› if black is"
@@ -251,10 +251,10 @@ def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
 
 
 def white_is_near(depth: Depth) -> float:
-    """The evidence of relative depth that its greatest numbers are near: -2 to 2, 0 is none.
+    """The evidence that the greatest numbers of relative depth are near: -2 to 2, 0 is none.
 
-    The bottom of a picture is nearer than its top, and its middle nearer than its upper borders:
-    the mean ranks of their pixels are compared.
+    It compares mean ranks of pixels, as the bottom of a picture is usually nearer than its top, and
+    the middle nearer than the upper borders.
     """
     numbers = depth.metres[:: depth.metres.shape[0] // 256 + 1, :: depth.metres.shape[1] // 256 + 1]
     _, ranks, counts = np.unique(numbers, return_inverse=True, return_counts=True)
@@ -270,7 +270,7 @@ def white_is_near(depth: Depth) -> float:
 def _of_relative(
     picture: PictureFiles, reading: Reading, given: Layer, *, whole_subject: bool
 ) -> dict[str, Given]:
-    """Blur and focus, as far as they are not given."""
+    """Default blur and focus, unless given."""
     size, depth = size_of(picture), None
     if not given.keys() & set(_UNFOCUSED):
         depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
@@ -282,9 +282,9 @@ def _of_relative(
 def options_of(
     depth: Depth | None, size: tuple[int, int], given: Layer, *, whole_subject: bool = True
 ) -> dict[str, Given]:
-    """Blur and focus of relative depth of a picture of a size, as far as they are not given.
+    """Default blur and focus of relative depth for a picture of a size, unless given.
 
-    `depth`: None where the focus is given.
+    `depth`: None if the focus is given.
     """
     taken: dict[str, str] = {}
     if "blur" not in given:
@@ -305,7 +305,7 @@ def _incomplete(
     *,
     has_file: bool,
 ) -> UsageProblem:
-    """The error for a lens of which options are missing, with a command that has them."""
+    """The error for a lens with missing options, with a command that has them."""
     words = list(typed)
     optics = [name for name in lacking if name != "focus"]
     if optics and not has_file:
@@ -325,7 +325,7 @@ def _depth_alone(picture: PictureFiles, reading: Reading) -> Depth:
 
 
 def size_of(picture: PictureFiles) -> tuple[int, int]:
-    """Width and height of the picture that is rendered, by its header."""
+    """Width and height of the rendered picture, by its header."""
     if picture.color != picture.depth:
         info = describe(picture.color)
     else:
@@ -337,7 +337,7 @@ def size_of(picture: PictureFiles) -> tuple[int, int]:
 
 
 def is_relative(path: Path, reading: DepthReading) -> bool:
-    """Whether a depth file names no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
+    """Whether a depth file has no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
     from defocus_core.io.depth_formats.photo_depth import read_gdepth
     from defocus_core.io.images.raster import choose_page
 

@@ -1,6 +1,6 @@
-"""What the stages of a picture hand on: a pair of inputs, a take, surfaces, passes, contents.
+"""The types that stages pass on: a pair of inputs, a take, surfaces, passes, contents.
 
-A take is a job on its way from its files to its outputs, and what is known of it so far.
+A take is a job between its files and its outputs, with all that is known so far.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 class Radii(NamedTuple):
     """The signed radii of the circle of confusion of a frame."""
 
-    # [H, W] float32. Where there is nothing, it is the greatest: nothing lies before nothing,
-    # and what lies beside it is seen through the whole lens
+    # [H, W] float32. Empty pixels have the greatest radius, so that they hide nothing, and pixels
+    # beside them are seen through the whole lens
     px: Any
-    limits: tuple[float, float]  # the least and the greatest of them, of what is there
-    infinity: float | None  # of what is infinitely far; None where the file holds radii
-    scale: float  # px for a disparity of 1 per mm; 1 where the file holds radii
-    # What became of radii that were larger than the lens lets them be, in words
+    limits: tuple[float, float]  # the least and the greatest of non-empty pixels
+    infinity: float | None  # radius at infinity; None if the file holds radii
+    scale: float  # px for a disparity of 1 per mm; 1 if the file holds radii
+    # a note on radii that were limited
     warnings: tuple[str, ...] = ()
 
 
@@ -52,17 +52,17 @@ _UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
 
 @dataclass(frozen=True)
 class InputPair:
-    """Colour and depth of a picture, and how they are read."""
+    """Colour and depth of a picture, with their reading."""
 
     picture: PictureFiles
     reading: Reading
-    # Focal length in widths of the sensor, where the depth needs it
+    # focal length in widths of the sensor, if reading the depth needs it
     lens_focal: float | None = None
-    # Whether all pixels beyond the picture shown are wanted, else those that blur reaches
+    # whether all overscan is wanted, or only what blur reaches
     whole: bool = False
-    limit: Overscan | None = None  # the most pixels beyond the picture shown; None for no limit
-    overscan: Overscan = NO_OVERSCAN  # the pixels beyond the picture shown that both have
-    planes: tuple[Color, Depth] | None = None  # colour and depth, once they are decoded
+    limit: Overscan | None = None  # greatest overscan in px; None for no limit
+    overscan: Overscan = NO_OVERSCAN  # the overscan that both have
+    planes: tuple[Color, Depth] | None = None  # colour and depth, once decoded
 
     @classmethod
     def of(cls, job: Job) -> InputPair:
@@ -72,7 +72,7 @@ class InputPair:
 
     @property
     def has_overscan(self) -> bool:
-        """Whether the colour has pixels beyond the picture shown."""
+        """Whether the colour has overscan."""
         return any(part.has_overscan for part in describe(self.picture.color).parts)
 
     @property
@@ -89,7 +89,7 @@ class InputPair:
 
     @property
     def differs(self) -> bool:
-        """Whether colour and depth are of two sizes."""
+        """Whether colour and depth differ in size."""
         return bool(self.color.shape[:2] != self.depth.metres.shape)
 
     def with_depth(self, depth: Depth) -> InputPair:
@@ -98,12 +98,12 @@ class InputPair:
 
 
 class Arrays(NamedTuple):
-    """A picture in memory, as its owner holds it."""
+    """The arrays of a picture in memory."""
 
     color: Any  # [H, W] or [H, W, C]
     depth: Any  # [H, W]
     matte: Any = None  # [H, W], the coverage of its subject
-    hidden: tuple[Any, Any] | None = None  # colour and depth of what lies behind
+    hidden: tuple[Any, Any] | None = None  # colour and depth of hidden surfaces
 
 
 @dataclass(frozen=True)
@@ -111,25 +111,25 @@ class Plate:
     """A decoded plate."""
 
     picture: PictureFiles
-    reading: Reading  # how it was read
+    reading: Reading  # note on its reading
     color: Color
     depth: Depth  # infinitely far if its file has none
-    warnings: tuple[str, ...] = ()  # what was taken for granted of it, and of the element over it
+    warnings: tuple[str, ...] = ()  # assumptions on it, and on the element over it
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The decoded inputs of a job; jobs of one picture share them."""
+    """The decoded inputs of a job, shared by jobs of one picture."""
 
     arrays_mb: float  # size of these and of the outputs
     color: Color
     depth: Depth
     hidden: tuple[Color, Depth] | None = None  # of the hidden layer, if it is needed
-    plate: Plate | None = None  # the plate that it lies over, if it is an element
+    plate: Plate | None = None  # the plate behind it, if it is an element
     layers: Layers | None = None  # of a deep picture, or of an element and its plate
-    matte: Any = None  # [H, W], the coverage of its subject; None if it is not known
-    empty: Any = None  # where there is nothing, bool [H, W]; None if nowhere
-    warnings: tuple[str, ...] = ()  # what the files hold and the renderer ignores
+    matte: Any = None  # [H, W], the coverage of its subject, or None
+    empty: Any = None  # empty pixels, bool [H, W]; None if there are none
+    warnings: tuple[str, ...] = ()  # contents of the files that the renderer ignores
     stamps: Mapping[str, Any] = field(default_factory=dict)  # of the files, by role
     seconds: float = 0.0
 
@@ -140,38 +140,38 @@ class Take:
 
     job: Job  # what was asked for
     inputs: Inputs
-    lens: LensValues  # with its focus distance, once that is known
+    lens: LensValues  # with its focus distance, once known
     radii: Radii = _UNKNOWN  # of the picture, or of the element over a plate
-    # [H, W] px, the radii of what is in front: of the plate where the element is empty
+    # [H, W] px, radii of the front surface: the plate where the element is empty
     shown: Any = None
-    limits: tuple[float, float] = (0.0, 0.0)  # the least and the greatest of those shown
-    device: str = "cpu"  # where it is rendered
-    back: str = "torch"  # what rendered it: compiled loops, or torch
-    # Each rendered kind's arrays [H, W]: C of each view of an image, in linear light; one of a
+    limits: tuple[float, float] = (0.0, 0.0)  # the least and the greatest radius in the picture
+    device: str = "cpu"  # device of rendering
+    back: str = "torch"  # back of rendering: compiled loops, or torch
+    # arrays [H, W] of each rendered kind: C for each view of an image, in linear light; one for a
     # map
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     # Number of pixels of each kind that were clamped to the range of half
     clamped: Mapping[str, int] = field(default_factory=dict)
     reach: int = 0  # px that light of the picture reaches at most
-    # Number of clipped lights that were made brighter; None if this is not asked for
+    # number of clipped lights that were made brighter; None if not requested
     lamps: int | None = None
-    bound_mb: float = 0.0  # of the memory that rendering takes beside its inputs and outputs
+    bound_mb: float = 0.0  # bound of the memory of rendering, without its inputs and outputs
     seconds: float = 0.0
-    cpu_seconds: float = 0.0  # that it took of processors
+    cpu_seconds: float = 0.0  # CPU seconds
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
     repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
-    decided: DepthRepair | None = None  # the repair, by its shot; None if the frame decides
-    shot_note: str = ""  # what other frames did for its depth
+    decided: DepthRepair | None = None  # the repair decided by its shot; None if the frame decides
+    shot_note: str = ""  # note on decisions by other frames
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the picture shown, in px."""
+        """(width, height) of the displayed picture, in px."""
         return self.inputs.depth.size
 
     @property
     def reads_hidden(self) -> bool:
-        """Whether a file of what is hidden is needed."""
+        """Whether the file of hidden surfaces is needed."""
         return self.job.outputs.need_rendering and self.job.picture.hidden is not None
 
     @property
@@ -190,42 +190,42 @@ class Take:
 
     @property
     def color_note(self) -> str:
-        """How the colour was read, and what became of clipped lights, for people."""
+        """A note on the reading of the colour and on clipped lights."""
         lit = "" if self.lamps is None else f"{counted(self.lamps, 'clipped light')} brightened"
         return ", ".join(filter(None, (self.inputs.color.note, lit)))
 
     def depth_words(self, *, rendered: bool = True) -> str:
-        """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
+        """A note on the reading of the depth and, for rendered kinds, its repair."""
         notes = (repair_words(self.repair), self.shot_note) if rendered else ()
         return "; ".join(filter(None, (self.inputs.depth.note, *notes)))
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """The surfaces of a scene: that of the picture, or one of each layer, nearest first."""
+    """The surfaces of a scene: that of the picture, or one for each layer, nearest first."""
 
     take: Take
-    # Of each surface that may be repaired the colour, whose edges are those of its depth
+    # for each surface to repair the colour, which has the edges of its depth
     colors: tuple[Color, ...]
-    radii: tuple[Radii, ...]  # of each surface its radii, as the depth says
-    # Of each surface [C, H, W], linear, premultiplied: of a picture with its alpha
+    radii: tuple[Radii, ...]  # for each surface the radii by its depth
+    # for each surface [C, H, W], linear, premultiplied, with alpha
     light: tuple[Tensor, ...]
-    px: tuple[Tensor, ...]  # of each surface the radii [H, W] that it is rendered by
+    px: tuple[Tensor, ...]  # for each surface the radii [H, W] to render with
     repair: DepthRepair  # of the depth
     coverage: Tensor | None = None  # [L, H, W] of layers; None of a picture
     hidden: KnownLayer | None = None  # the known hidden layer
-    matte: Tensor | None = None  # [H, W], the coverage of the subject; None if it is not known
-    # Number of clipped lights that were made brighter; None if this is not asked for
+    matte: Tensor | None = None  # [H, W], the coverage of the subject, or None
+    # number of clipped lights that were made brighter; None if not requested
     lamps: int | None = None
 
     @property
     def is_repaired(self) -> bool:
-        """Whether its depth is to be repaired: that of deep pixels is what it is."""
+        """Whether its depth may be repaired, which deep pixels do not need."""
         return bool(self.colors) and self.take.job.reading.depth_repair != "off"
 
     @property
     def has_matte(self) -> bool:
-        """Whether the coverage of the subject counts: layers have their own."""
+        """Whether a coverage of the subject is used; layers have their own."""
         return self.take.inputs.matte is not None and self.take.inputs.layers is None
 
 
@@ -244,12 +244,12 @@ class Pass(NamedTuple):
 class Contents(NamedTuple):
     """The contents of a file."""
 
-    take: Take  # what it is of
+    take: Take  # its take
     kind: Kind  # the kind of output
-    names: tuple[str, ...]  # of its channels of colour; the kind of a map
+    names: tuple[str, ...]  # names of the channels of colour, or the kind of a map
     planes: tuple[Any, ...]  # arrays [H, W] of these channels
     extras: Mapping[str, Any]
-    layout: Layout  # where the first pixel is, the display window, the views
+    layout: Layout  # place of the first pixel, display window, views
 
     def mapped(self, change: Callable[[Any], Any]) -> Contents:
         """The contents with each array [H, W] changed."""
@@ -258,7 +258,7 @@ class Contents(NamedTuple):
 
 
 def repair_words(repair: DepthRepair | None) -> str:
-    """How the depth was repaired before it was rendered; empty if it was not."""
+    """The repair of the depth before rendering, in words; empty without one."""
     if repair is None:
         return ""
     done = []
@@ -273,7 +273,7 @@ def repair_words(repair: DepthRepair | None) -> str:
 
 
 def _edge_words(repair: DepthRepair) -> list[str]:
-    """What was found at edges, in one phrase."""
+    """The findings at edges, in one phrase."""
     found = []
     if repair.antialiased is not None:
         found.append(f"averaged in {'disparity' if math.isinf(repair.antialiased) else 'distance'}")
@@ -290,7 +290,7 @@ def _edge_words(repair: DepthRepair) -> list[str]:
 
 
 def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
-    """The repair in plain values; None where nothing was looked for.
+    """The repair in plain values; None if it was off.
 
     Its keys are ``kinds``, of noise, anti-aliased, soft-edges, ramps, displaced-edges and
     few-levels; ``noise_px``, of radius; ``edge_width_px`` of soft edges; ``displaced_px`` of edges
@@ -331,7 +331,7 @@ def _round(value: float | None) -> float | None:
 
 
 _WHITE = 0.9999  # of an integer picture, in linear light
-_FLOATS = (".exr", ".hdr")  # whose light has no end
+_FLOATS = (".exr", ".hdr")  # formats without a greatest light
 RADII = ("coc_mean_px", "coc_p50_px", "coc_p99_px")  # mean, median, 99th percentile, unsigned
 # Keys of the measures, in the order of the table of a card.
 MEASURES = (*RADII, "clipped_share", "invented_share")

@@ -1,4 +1,4 @@
-"""Write: the contents of the files of a job, their channels and windows; all files or none."""
+"""Write the files of a job, all or none, with their channels and windows."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
 from defocus_core.system.text import counted, software, versions
 
-_SAME = 1e-5  # difference in linear light up to which a pixel is as it was, 3 % of a level
-_SHARP_PX = 0.5  # radius up to which a pixel is in focus
-_SEED_BYTES = 5  # of a seed of noise, of which rows of pictures make others
+_SAME = 1e-5  # greatest difference in linear light of an unchanged pixel, 3 % of a level
+_SHARP_PX = 0.5  # greatest radius of a pixel in focus
+_SEED_BYTES = 5  # greatest seed of noise, as rows of pictures add to it
 
 
 _Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, planes, extras
 
 
 def _of_radius(take: Take, kind: Kind) -> _Channels:
-    """A map of the signed radii [H, W], 0 where it is empty."""
+    """A map of the signed radii [H, W], 0 where empty."""
     values = disparity_map(take) if kind.source == "disparity" else take.shown
     if (empty := take.inputs.empty) is not None:
         values = values * ~empty
@@ -44,7 +44,7 @@ def _of_radius(take: Take, kind: Kind) -> _Channels:
 
 
 def _image(take: Take, kind: Kind) -> _Channels:
-    """Names and arrays of the channels of colour, and further channels: blurred and carried."""
+    """Names and arrays of the channels of colour, and further blurred and copied channels."""
     color, every = take.inputs.color, take.images[kind.name]
     half = take.job.outputs.exr_type == "half"
     names: list[str] = []
@@ -66,7 +66,7 @@ def _image(take: Take, kind: Kind) -> _Channels:
 
 
 def _focus(take: Take, kind: Kind) -> _Channels:
-    """The picture shown in false colour."""
+    """The picture in false colour."""
     from defocus_core.picture.preview import focus_planes
 
     color = take.inputs.color
@@ -79,7 +79,7 @@ def _given_color(take: Take, kind: Kind) -> _Channels:
     return color.channels, tuple(color.planes[: len(color.channels)]), {}
 
 
-# What makes the channels of a kind, by its source; of no source an image or a map is rendered.
+# The functions that make the channels of kinds, by source; kinds without source are rendered.
 _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
     "": lambda take, kind: ((kind.name,), take.images[kind.name], {}),
     "image": _image,
@@ -92,7 +92,7 @@ _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
 
 
 def changed_by(compression: str, channels: Mapping[str, Any]) -> list[str]:
-    """The names of channels that are to be exact, and that a codec would change."""
+    """The names of channels that must be exact but that a codec would change."""
     codec, _ = codec_of(compression)
     return [name for name, plane in channels.items() if codec.changes(name, plane.dtype.name)]
 
@@ -101,9 +101,9 @@ _OF_COLORS = {PRIMARIES, PROFILE}
 
 
 def write(take: Take) -> Take:
-    """Write the files of a job, all or none; it, with warnings of what they cannot hold."""
+    """Write the files of a job, all or none; returns the take with warnings of losses."""
     outputs = take.job.outputs
-    if not outputs.root.is_dir():  # created again, it would have no journal
+    if not outputs.root.is_dir():  # a new one would have no journal
         problem = "was removed while jobs were done"
         raise InputError("unwritable", problem, "run the same command again", path=outputs.root)
     with written_together(outputs.root):
@@ -116,7 +116,7 @@ def write(take: Take) -> Take:
 
 
 def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
-    """What is said of channels that are copied and hold NaN or inf, which in depth is sky."""
+    """The warning of copied channels with NaN, or with inf, which in depth is sky."""
     for name, plane in carried.items():
         if plane.dtype.kind == "f":
             wrong = np.isnan(plane) if is_depth(name) else ~np.isfinite(plane)
@@ -126,7 +126,7 @@ def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _write_kind(take: Take, kind: Kind) -> list[str]:
-    """Write the file of a kind, and its preview if there is to be one; the warnings."""
+    """Write the file of a kind, and its preview if wanted; returns warnings."""
     job, warnings = take.job, list[str]()
     layout = Layout(take.inputs.color.corner, None, kind.views)
     channels = _SOURCES[kind.source or "image" * kind.image](take, kind)
@@ -153,7 +153,7 @@ def _write_kind(take: Take, kind: Kind) -> list[str]:
 
 
 def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
-    """Write an image with what its input says of itself; what the file cannot hold, in words."""
+    """Write an image with the metadata of its input; returns losses in words."""
     take, kind, outputs = contents.take, contents.kind, contents.take.job.outputs
     left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
     if outputs.color_space == "srgb":
@@ -193,7 +193,7 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
 
 
 def _blurred(contents: Contents) -> NDArray[np.bool_]:
-    """The pixels [H, W] that are out of focus, or are not those of the input."""
+    """The pixels [H, W] that are out of focus, or differ from the input."""
     take, color = contents.take, contents.take.inputs.color
     given = [*color.planes, take.shown]
     if not take.job.outputs.keep_overscan:
@@ -204,7 +204,7 @@ def _blurred(contents: Contents) -> NDArray[np.bool_]:
     return found
 
 
-# Tags of the lens that took a photograph, of which the picture is by another: of a field, or none.
+# Tags of the lens of a photograph, replaced by a field of ours, or removed.
 _LENS_TAGS = {
     **dict.fromkeys(("FNumber", "Exif:FNumber"), "fnum"),
     "Exif:FocalLength": "foclen",
@@ -214,7 +214,7 @@ _LENS_TAGS = {
 
 
 def _with_lens(attributes: Mapping[str, object], lens: LensValues) -> dict[str, object]:
-    """The attributes of a photograph, with the f-number and focal length of another lens."""
+    """The attributes of a photograph, with f-number and focal length of the lens of the job."""
     tags = attributes.keys() & _LENS_TAGS.keys()
     if not tags:
         return dict(attributes)
@@ -248,7 +248,7 @@ def _side_by_side(planes: Sequence[Any], views: int) -> NDArray[Any]:
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:
-    """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
+    """Attributes of an EXR output, without directory and time, so that bytes are reproducible."""
     job, lens = take.job, take.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
@@ -275,7 +275,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
 
 
 def _repair(take: Take, kind: Kind) -> dict[str, str]:
-    """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
+    """The options and the result of the repair of depth; empty if both are usual."""
     if not kind.rendered:
         return {}
     reading = take.job.reading
@@ -290,7 +290,7 @@ def _repair(take: Take, kind: Kind) -> dict[str, str]:
 
 
 def _of_any_lens(lens: LensValues) -> dict[str, str]:
-    """What every lens has; nothing of what decides the radii where a file holds them."""
+    """The fields of every lens, without those that decide radii if a file holds them."""
     values = {row: getattr(lens, row.field) for row in RECORDED.values()}
     return {
         row.name.replace("-", "_"): "" if value is None else row.shown(value, 9) + row.optional_unit
@@ -300,7 +300,7 @@ def _of_any_lens(lens: LensValues) -> dict[str, str]:
 
 
 def add_noise(contents: Contents) -> Contents:
-    """The rendered planes with the lens' noise; alpha has none."""
+    """The rendered planes with sensor noise, except alpha."""
     lens, job, kind = contents.take.lens, contents.take.job, contents.kind
     assert lens.noise is not None
     electrons, read = lens.noise
@@ -326,7 +326,7 @@ def _noisy(plane: Any, electrons: float, read: float, words: str) -> NDArray[Any
 
 
 def cut_overscan(contents: Contents) -> Contents:
-    """The planes without overscan, or with the display window in it."""
+    """The planes without overscan, or with it and a display window."""
     color, outputs = contents.take.inputs.color, contents.take.job.outputs
     if contents.kind.source == "focus":
         return contents
@@ -339,12 +339,12 @@ def cut_overscan(contents: Contents) -> Contents:
 
 
 def shown(color: Color, plane: Any) -> Any:
-    """An array [H, W] without the pixels beyond the picture shown."""
+    """An array [H, W] without overscan."""
     return plane[color.overscan.shown(*color.shape[:2])]
 
 
 def cut_border(contents: Contents) -> Contents:
-    """The contents without the border that no light reaches."""
+    """The contents without the dark border that no light reaches."""
     take, layout, data = contents.take, contents.layout, contents.take.inputs.color.data
     assert data is not None
     (height, width), (x, y) = contents.planes[0].shape, layout.corner
@@ -357,13 +357,13 @@ def cut_border(contents: Contents) -> Contents:
     return contents.mapped(lambda plane: plane[rows, columns])._replace(layout=layout)
 
 
-# Cells along an axis of the frame between whose corners a pupil that changes is interpolated: what
-# a cat's eye leaves open then errs by 0.1 %, by 0.6 % where the rim begins to clip.
+# Cells along an axis of the frame, at whose corners a varying pupil is computed: interpolation errs
+# by 0.1 % of the area of a cat's eye, by 0.6 % where the rim begins to clip.
 _CELLS = 16
 
 
 def disparity_map(take: Take) -> NDArray[Any]:
-    """Px [H, W] along x between left and right of what is shown, signed like its radius."""
+    """The disparity [H, W] in px along x between left and right, with the sign of the radius."""
     beyond = nearer = _per_radius(take)
     if take.lens.spherical:
         nearer = _per_radius(take, nearer=True)
@@ -374,9 +374,9 @@ def disparity_map(take: Take) -> NDArray[Any]:
 
 
 def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
-    """Px between left and right for a CoC radius of a px at the corners of cells of the frame.
+    """The disparity in px per px of CoC radius at the corners of cells of the frame.
 
-    One number where the whole frame sees the same pupil, of points beyond focus or nearer.
+    It is one number if the whole frame sees the same pupil. `nearer`: for points nearer than focus.
     """
     import torch
 
@@ -403,7 +403,7 @@ def _between(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _tents(length: int) -> NDArray[Any]:
-    """Weights [length, cells + 1] of the corners along an axis at its pixels."""
+    """Linear weights [length, cells + 1] of the corners of cells at pixels along an axis."""
     cell = (np.arange(length) + 0.5) * (_CELLS / length)
     weights: NDArray[Any] = np.clip(1 - np.abs(cell[:, None] - np.arange(_CELLS + 1)), 0, None)
     return weights

@@ -1,1 +1,1 @@
-"""What may happen to a picture beside the plain path, one module each; `table` has the order."""
+"""Optional steps of the path of a picture, one module each; `table` has the order."""

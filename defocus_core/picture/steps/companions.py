@@ -1,8 +1,8 @@
 """Companions of a picture: the plate below an element, what is hidden, a matte.
 
-A plate is rendered with its element as one scene. What is hidden is known by files.
-A matte is the coverage of the subject, 0 to 1, whose edges are those of the depth; portrait modes
-and segmentations write it.
+A plate is rendered with its element as one scene. Files may give hidden surfaces. A matte, as of
+portrait modes and segmentations, is the coverage of the subject, 0 to 1, and gives the edges of the
+depth.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from defocus_core.system.text import counted, note
 
 
 def window_of_plate(wanted: InputPair) -> InputPair:
-    """The element with the overscan that its plate has, too."""
+    """The element with the overscan that both it and its plate have."""
     below = _wanted(wanted)
     return replace(wanted, limit=overscan_of(below))
 
@@ -66,7 +66,7 @@ def read_plate(take: Take) -> Take:
 
 
 def radii_of_both(take: Take) -> Take:
-    """The radii of both, of which those in front are shown."""
+    """The radii of both; maps show those in front."""
     plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
     assert plate is not None
     below, shown = radii_of(take.lens, plate.depth), own.px
@@ -77,7 +77,7 @@ def radii_of_both(take: Take) -> Take:
 
 
 def _wanted(element: InputPair) -> InputPair:
-    """The plate of an element; of the options that choose layers and parts are the element's."""
+    """The plate of an element; options of layers and parts apply only to the element."""
     assert element.picture.over is not None
     path, reading = element.picture.color, element.reading
     has_views = is_exr(read_head(path)) and views_of(read_headers(path))
@@ -87,7 +87,7 @@ def _wanted(element: InputPair) -> InputPair:
 
 
 def _plate(wanted: InputPair) -> Plate:
-    """A plate, infinitely far if it has no depth."""
+    """The decoded plate, infinitely far without depth."""
     picture = wanted.picture
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
@@ -99,7 +99,7 @@ def _plate(wanted: InputPair) -> Plate:
 
 
 def _check(element: Color, plate: Plate) -> Plate:
-    """The plate with warnings of the element over it."""
+    """The plate, with warnings about the element over it."""
     path, alpha = plate.color.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
@@ -127,7 +127,7 @@ def _check(element: Color, plate: Plate) -> Plate:
 
 
 def _far_away(wanted: InputPair) -> Plate:
-    """A plate without depth: infinitely far."""
+    """A plate without depth, infinitely far."""
     picture, reading, overscan = wanted.picture, wanted.reading, wanted.limit
     assert overscan is not None
     if reading.holds_radii:
@@ -165,7 +165,7 @@ def read_hidden(take: Take) -> Take:
 
 
 def show_hidden(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the hidden layer of files: unknown where depth is inf and colour 0."""
+    """The surfaces with the hidden layer, unknown where depth is inf and colour 0."""
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
@@ -190,7 +190,7 @@ def read_matte(take: Take) -> Take:
 
 
 def show_matte(surfaces: Surfaces) -> Surfaces:
-    """The surface with its coverage."""
+    """The surface with the coverage of the subject."""
     take = surfaces.take
     return replace(surfaces, matte=map_on(take.inputs.matte, take.device))
 
@@ -233,7 +233,7 @@ def _matte_values(path: Path) -> NDArray[np.float32]:
 
 
 def _resized(values: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """The matte at another size: it is smooth, unlike depth."""
+    """The matte at another size, by smooth interpolation, unlike depth."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 1)

@@ -1,7 +1,7 @@
 """Deep pictures: the samples of each pixel as layers for the renderer.
 
-What lies behind each other is known, with its coverage; nothing is invented where the file knows
-better. Colour and depth of such a file are those of its picture in focus and of its first surface.
+Surfaces behind each other are known, with their coverage; content is invented only where the file
+has none. Colour and depth are those of the flattened picture and of the first surface.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def read(take: Take) -> Take:
 
 
 def _layers(pair: InputPair) -> Layers:
-    """The layers of one picture: its samples, or a single one if it is not deep."""
+    """The layers of one picture: its samples, or a single layer if it is flat."""
     part, _ = parts_of(pair.picture, pair.reading)
     header = deep_header(pair.picture, pair.reading, part)
     return flat_layer(pair.color, pair.depth) if header is None else read_deep(pair, header)
@@ -77,7 +77,7 @@ def _holdout(pair: InputPair) -> Layers:
 
 
 def deep_header(picture: PictureFiles, reading: Reading, part: int | None) -> Header | None:
-    """The part of a picture's colour if it is deep."""
+    """The deep part of a picture's colour, or None."""
     if not is_exr(read_head(picture.color)):
         return None
     headers = in_view(picture.color, read_headers(picture.color), reading.view)
@@ -101,7 +101,7 @@ def read_deep(pair: InputPair, header: Header) -> Layers:
 
 
 def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
-    """The samples of a deep part as layers, with the channels of light that are wanted."""
+    """The samples of a deep part as layers, with the wanted channels of light."""
     color, depth = pair.color, pair.depth
     path = pair.picture.color
     layers, merged = deep_layers(path, header, sources, color.overscan)
@@ -113,14 +113,14 @@ def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> 
 
 
 def _metres(numbers: Any, pair: InputPair) -> Any:
-    """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
+    """Metres [H, W] from the numbers of a layer, read like those of the first surface."""
     like = pair.depth
     samples = DepthNumbers(like.path, numbers, "EXR", "", channel=like.channel)
     return decoded(numbers, resolved(pair.reading, samples, pair.lens_focal), like.overscan)
 
 
 def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
-    """The depth of one layer; infinitely far where it has no sample."""
+    """The depth of one layer, infinitely far where it has no sample."""
     metres[~(np.asarray(alpha) > 0)] = 0 if like.is_radius else np.inf
     depth = replace(like, metres=metres, empty=None)
     count, first = count_of(depth.invalid)

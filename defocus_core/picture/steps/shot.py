@@ -1,8 +1,7 @@
-"""Frames of a shot: what they decide together.
+"""Decisions that the frames of a shot share.
 
-How depth is repaired and where the focus lies are decided by a sample of the frames, so that no
-frame decides for itself and flickers. Every process finds them anew, from the same files to the
-same result.
+A sample of the frames decides the repair of depth and the focus, so that the shot does not flicker.
+Every process decides anew, with the same result from the same files.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _Finding = Callable[[FrameLens, Reading, float | None], T]
-_KEPT = 1 << 12  # findings of frames, which frames after them share
+_KEPT = 1 << 12  # cached findings of frames, which later frames share
 
 
 def lens(take: Take) -> Take:
-    """The take with the focus that the frames of its shot decide together, if they do."""
+    """The take with the shared focus of its shot, if there is one."""
     job, lens, depth = take.job, take.job.lens, take.inputs.depth
     assert job.shot is not None
     frames = job.shot.sample if job.shot.shares_focus else ()
     by_depth = lens.focus_at is not None or lens.focus_percentile is not None
-    # Numbers of a blur in px may be of another scale in each frame
+    # numbers beside a blur in px may differ in scale from frame to frame
     if not frames or lens.draw is not None or lens.blur is not None or not by_depth:
         return replace(take, lens=with_focus(lens, depth))
     disparity = [1 / foc_dist for foc_dist in _of_each(frames, job, _focus_of)]
-    middle = median(disparity)  # a frame that is unlike others counts less
+    middle = median(disparity)  # an outlier has less weight
     foc_dist = 1 / middle if middle else float("inf")
     within = replace(lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None)
     focused = replace(lens, foc_dist=with_focus(within, depth).foc_dist)
@@ -50,7 +49,7 @@ def lens(take: Take) -> Take:
 
 
 def radii(take: Take) -> Take:
-    """The take with the repair that the frames of its shot decide on."""
+    """The take with the shared repair of its shot."""
     from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.depth.shot_repair import agreed_repair, repair_through
 
@@ -66,7 +65,7 @@ def radii(take: Take) -> Take:
 
 
 def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> list[T]:
-    """What is found of frames, of those that have something to focus on."""
+    """The findings of frames, without those that have nothing to focus on."""
     found, failed = [], []
     for frame in frames:
         lens_focal = replace(job, lens=frame.lens).lens_focal
@@ -81,7 +80,7 @@ def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> lis
 
 @lru_cache(maxsize=_KEPT)
 def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> float:
-    """The focus in mm that the depth of a frame decides."""
+    """The focus in mm by the depth of a frame."""
     _, depth = read(InputPair(frame.picture, reading, lens_focal))
     foc_dist = _focused(frame.lens, depth).foc_dist
     return float("inf") if foc_dist is None else foc_dist
@@ -110,5 +109,5 @@ def _repair_of(
 
 
 def _focused(lens: LensValues, depth: Depth) -> LensValues:
-    """The lens of a frame with the focus that its depth decides."""
+    """The lens of a frame with the focus by its depth."""
     return with_focus(lens, depth)

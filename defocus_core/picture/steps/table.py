@@ -1,7 +1,7 @@
-"""All that may happen to a picture beside the plain path, in the order in which it happens.
+"""The table of optional steps of the path of a picture, in their order.
 
-A step is asked only whether it applies; its module is imported if it does. Its function takes what
-the stage hands on, and gives it back changed.
+The module of a step is imported only if it applies. Its function takes the subject of the stage,
+and returns it changed.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ T = TypeVar("T")
 class Step(Generic[T]):
     """A row of the table."""
 
-    name: str  # of its function, in a module beside or above this one
-    when: str  # what it is for, for people who read the table
-    applies: Callable[[T], object]  # to what the stage hands on: true or false
+    name: str  # name of its function, in a module beside or above this one
+    when: str  # purpose, for readers of the table
+    applies: Callable[[T], object]  # tells from the subject of the stage whether the step applies
 
     @property
     def function(self) -> Callable[[T], T]:
-        """What it does, imported where it is asked for."""
+        """The function of the step, imported on access."""
         function: Callable[[T], T] = resolve_name(f"defocus_core.picture.{self.name}")
         return function
 
 
 def through(steps: tuple[Step[T], ...], subject: T) -> T:
-    """What a stage hands on, changed by the steps that apply to it."""
+    """The subject of a stage, changed by the steps that apply."""
     for step in steps:
         if step.applies(subject):
             subject = step.function(subject)
@@ -41,7 +41,7 @@ def through(steps: tuple[Step[T], ...], subject: T) -> T:
 
 
 def _is_deep(take: Take) -> bool:
-    """Whether samples that are rendered lie behind each other, in its files or a holdout."""
+    """Whether rendered samples lie behind each other, in its files or a holdout."""
     picture = take.job.picture
     colors = [each.color for each in (picture, picture.over) if each is not None]
     is_deep = picture.holdout is not None or any(describe(path).deep for path in colors)
@@ -55,7 +55,7 @@ def _lens_is_found(take: Take) -> bool:
 
 
 def _frames_focus(take: Take) -> bool:
-    """Whether frames decide together where the focus lies; each deep one decides alone."""
+    """Whether frames share the focus; deep frames decide alone."""
     layers = take.inputs.layers
     is_deep = layers is not None and not layers.pictures
     return take.job.shot is not None and _lens_is_found(take) and not is_deep
@@ -74,14 +74,14 @@ def _is_noisy(contents: Contents) -> bool:
 
 
 def _may_end(contents: Contents) -> bool:
-    """Whether an image may have fewer pixels than the picture: nothing is beyond the blur."""
+    """Whether an image may have fewer pixels than the picture, as nothing lies beyond the blur."""
     take, kind, lens = contents.take, contents.kind, contents.take.lens
     lit = take.inputs.plate or take.inputs.hidden or lens.noise
     is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut
     return kind.image and bool(kind.rendered) and is_cut and not lit
 
 
-# Files: an element and its plate, before and after they are decoded; then what belongs to them.
+# Files: an element and its plate, before and after decoding; then companions.
 WINDOW: tuple[Step[InputPair], ...] = (
     Step(
         "steps.companions:window_of_plate",
@@ -118,7 +118,7 @@ RADII: tuple[Step[Take], ...] = (
     Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("steps.shot:radii", "frames repair depth together", _frames_repair),
 )
-# The scene, and how often it is rendered.
+# The scene, and its passes.
 SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
     Step("steps.companions:show_matte", "its subject has a coverage", lambda s: s.has_matte),
@@ -130,7 +130,7 @@ PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
     Step("scene:pass_colors", "colours focus apart", lambda p: p[0].take.lens.axial_color),
     Step("scene:pass_coverage", "alpha is the coverage", lambda p: p[0].take.inputs.layers),
 )
-# The planes of a file, as they are written.
+# The planes of a file to write.
 WRITE: tuple[Step[Contents], ...] = (
     Step("write:add_noise", "the sensor is noisy", _is_noisy),
     Step(
