@@ -1,4 +1,4 @@
-"""What is accepted: files of B that become those of A, with the recipes of their samples."""
+"""Acceptance: copies of files of B in A, with the recipes of their samples."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def accept_picture(folder: Path, golden: Path, picture: Any) -> None:
 def accept_files(
     a: Path, b: Path, records: Sequence[Comparison], samples: Mapping[str, Recipe]
 ) -> list[Path]:
-    """Copy the files of B that differ from A, or that A has not, to A; their new paths.
+    """Copy the files of B that differ from A, or that A lacks, to A; returns their new paths.
 
-    All appear together, or none, and beside them the recipes of the samples that wrote them. What B
-    lacks stays, but for what it has under another name, and what cannot be read is not accepted.
+    All files or none appear, with the recipes of their samples. Files that B lacks stay, unless B
+    has them under another name; unreadable files are not accepted.
     """
     pairs, renamed = [], []
     for record in records:
         if record.acceptable and record.b is not None:
-            if record.status == EXTRA:  # a link may lead to anything
+            if record.status == EXTRA:  # a link may lead anywhere
                 read_picture(record.b)
             target = record.a or a / record.b.relative_to(b)
             if record.a is not None and record.renamed:

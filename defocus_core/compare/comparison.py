@@ -1,4 +1,4 @@
-"""One pair compared: read, structure, pixels, metrics and findings, and the verdict of these."""
+"""The comparison of a pair: reading, structure, pixels, metrics, findings and verdict."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def compare_pictures(
     name: str, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
     """Compare two pictures that have been read."""
-    with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
+    with np.errstate(all="ignore"):  # NaN and infinity are found explicitly
         record = Comparison(name, a.path, b.path, DIFFERENT, (a.width, a.height))
         a, b = (_of_channels(each, rules) for each in (a, b))
         record, common, strict = compare_structure(record, a, b, settings, ruled=bool(rules.fail))
@@ -107,7 +107,7 @@ def compare_pictures(
 
 
 def _of_channels(picture: DecodedPicture, rules: Rules) -> DecodedPicture:
-    """A picture with the channels that are compared."""
+    """A picture with the channels to compare."""
     names = [name for name in picture.planes if rules.compares(name)]
     if not names:
         problem = f"has only {', '.join(picture.planes)}, of which none is compared"
@@ -121,7 +121,7 @@ def _of_channels(picture: DecodedPicture, rules: Rules) -> DecodedPicture:
 def _pixels(
     a: DecodedPicture, b: DecodedPicture, names: Sequence[str], settings: CompareSettings
 ) -> tuple[Pixels, tuple[int, int]]:
-    """The pixels that are compared, and column and row of the first."""
+    """The pixels to compare, and column and row of the first."""
     size = (a.height, a.width)
     cut = (slice(None), slice(None)) if settings.region is None else settings.region.cut(size)
     pixels = Pixels(
@@ -146,7 +146,7 @@ def _pixels(
 
 
 def _selected(size: tuple[int, int], settings: CompareSettings) -> Any:
-    """The pixels [H, W] that masks and regions leave; None for all."""
+    """The pixels [H, W] selected by masks and regions; None for all."""
     if settings.mask is None and settings.ignore_mask is None and not settings.ignore_region:
         return None
     selected = np.ones(size, bool) if settings.mask is None else read_mask(settings.mask, size)
@@ -167,7 +167,7 @@ def _judged(
     *,
     strict: bool,
 ) -> Comparison:
-    """The record with all that the pixels say, and the verdict."""
+    """The record with the results of the pixels, and the verdict."""
     nonfinite, differing = count_nonfinite(pixels, corner), pixels.differ
     metrics = _measured(pixels, rules, settings)
     findings, causes = [*record.findings, *nonfinite.findings()], None
@@ -203,7 +203,7 @@ def _judged(
 
 
 def _measured(pixels: Pixels, rules: Rules, settings: CompareSettings) -> dict[str, float]:
-    """The metrics that rules and settings ask for."""
+    """The metrics that rules and settings need."""
     metrics = dict(
         measure(pixels, over=rules.over, asked=rules.asked)
         if pixels.differ
@@ -213,7 +213,7 @@ def _measured(pixels: Pixels, rules: Rules, settings: CompareSettings) -> dict[s
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
-    """The record with the worst pixel, and where pixels differ."""
+    """The record with the worst pixel and the place of the differences."""
     bad = pixels.greatest > 0
     row, column = np.unravel_index(int(pixels.greatest.argmax()), pixels.shape)
     assert record.nonfinite is not None
@@ -249,7 +249,7 @@ def compare_images(
     diagnose: bool = True,
     like: str | None = None,
 ) -> Comparison:
-    """Say whether a picture is the same as another one, and if not, what happened to it.
+    """Compare a picture with a reference, and find the cause of differences.
 
     Without rules to fail all values must be equal. Another size or channel, and NaN or infinity on
     one side only, are never the same.
@@ -257,27 +257,27 @@ def compare_images(
     Args:
         a: The reference: a file of colour or of a map; an array [H, W] or [H, W, C], linear; or a
             tensor [H, W], [C, H, W] or [1, C, H, W].
-        b: What is judged, likewise.
+        b: The picture to judge, likewise.
         fail: Rules like ``psnr<45``: b fails if it meets one.
         warn: Rules that only give a warning.
-        over: The difference that the metric ``share`` counts pixels beyond.
-        region: x, y, width and height in px of what is compared.
+        over: The difference above which the metric ``share`` counts a pixel.
+        region: x, y, width and height in px of the part to compare.
         mask: A file that is not 0 where pixels are compared.
-        flip: Whether FLIP is measured, with ``defocus[flip]``.
-        metadata: Whether metadata of files that differs fails, too.
-        diagnose: Whether the cause of a difference is looked for.
-        like: A set of rules where none are given: ``render`` (the same program on another machine),
+        flip: Whether to measure FLIP, with ``defocus[flip]``.
+        metadata: Whether differing metadata fails, too.
+        diagnose: Whether to search the cause of a difference.
+        like: A set of rules, if none are given: ``render`` (the same program on another machine),
             ``encoder`` (a lossy codec) or ``golden`` (the same program and machine).
 
     Returns:
-        Its ``status`` (same, warning or different), ``passes``, ``metrics`` by name (max, psnr,
-        …), ``findings`` (what happened to b, each with its ``name``, ``text`` and ``values``), the
-        ``worst`` pixel, the ``window`` of all that differ, and more.
+        The record: ``status`` (same, warning or different), ``passes``, ``metrics`` by name (max,
+        psnr, …), ``findings`` (causes, each with ``name``, ``text`` and ``values``), the ``worst``
+        pixel, the ``window`` of all that differ, and more.
 
     Raises:
         InputError: A file cannot be read, or the mask is of another size.
-        UsageProblem: A rule makes no sense, or the region is not within the picture.
-        ValueError: An array is no picture.
+        UsageProblem: A rule is invalid, or the region is not within the picture.
+        ValueError: An array is not a picture.
     """
     if like is not None and like not in PRESETS:
         raise UsageProblem(
@@ -297,9 +297,9 @@ def compare_images(
 
 
 def compare_with_goldens(picture: Any, golden: Path, rules: Rules) -> list[Comparison]:
-    """The records of a picture, as of `compare_images`, and those that are accepted for it.
+    """The records, as of `compare_images`, of a picture with each accepted golden.
 
-    These are the golden itself, if it is there, and further ones: NAME.1.exr, NAME.2.exr, …
+    These are the golden itself, if it exists, and alternatives: NAME.1.exr, NAME.2.exr, …
     """
     new, kind = _picture(picture, golden.stem), f"{getattr(picture, 'dtype', '')}".split(".")[-1]
     records = []

@@ -1,4 +1,4 @@
-"""FLIP, what a person sees who flips between two pictures, measured by ``flip-evaluator``."""
+"""FLIP, the visible difference when flipping between two pictures, by ``flip-evaluator``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color_space import srgb_to_linear
 
-_LARGEST = 1e30  # light that is looked at
-_BLACK = 1e-6  # light of A below which no exposure can be chosen by it: the evaluator would exit
+_LARGEST = 1e30  # greatest light
+_BLACK = 1e-6  # light of A, below which the evaluator cannot choose an exposure and would exit
 
 
 def measure_flip(pixels: Pixels) -> dict[str, float]:
-    """Mean and maximum of FLIP over the compared, finite pixels; none without colour."""
+    """Mean and maximum of FLIP over the compared, finite pixels; empty without colour."""
     try:
         from flip_evaluator import evaluate
     except ImportError:

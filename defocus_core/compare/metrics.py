@@ -1,9 +1,9 @@
-"""Metrics of a pair: in the stored values, as a screen shows it, and with highlights.
+"""Metrics of a pair: of stored values, of sRGB values, and of values with highlights.
 
-PSNR and SSIM look at sRGB-encoded values, clipped to 0…1, of the colour channels. Those of hdr see
-light beyond 1, too: sRGB up to 1 and logarithmic beyond. The other metrics look at all channels, in
+PSNR and SSIM use sRGB-encoded values of the colour channels, clipped to 0…1. The hdr metrics
+include light beyond 1: sRGB up to 1 and logarithmic beyond. The other metrics use all channels in
 the values of the file: linear light in an EXR, 0…1 in a file of integers. Pixels that are NaN or
-infinite in A or B are left out here, since they are judged apart.
+infinite in A or B are left out, as they are judged separately.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of a pair.
+    """A metric of a pair.
 
     Attributes:
-        name: as ``--fail`` has it.
-        help: what it is, for help and reports.
-        unit: of the number; empty for a number without one.
+        name: name in ``--fail``.
+        help: description, for help and reports.
+        unit: unit, or empty.
         better: ``low`` or ``high``.
         color: whether only pictures with colour have it.
     """
@@ -55,9 +55,7 @@ _ROWS = (
     Metric("p99.9", "99.9th percentile of the greatest differences of the pixels"),
     Metric("share", "share of pixels with a difference of more than ‹over›"),
     Metric("pixels", "number of these pixels"),
-    Metric(
-        "block", "of hdr, what parts of 32 px differ by as no codec does: in their means, or few"
-    ),
+    Metric("block", "hdr difference of blocks of 32 px that a codec cannot cause"),
     *(
         Metric(f"hdr-{name}", f"{words}, sRGB to 1 and logarithmic beyond", unit, better)
         for name, words, unit, better in (
@@ -72,14 +70,14 @@ _ROWS = (
 METRICS = {metric.name: metric for metric in _ROWS}
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
 _LUMA = {**dict(zip("RGB", LUMINANCE, strict=True)), "Y": 1.0}
-COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
+COSTLY = 2**21  # pixels above which sRGB and hdr metrics are measured only if rules need them
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
-_BLOCK, _DETAIL = 32, 0.01  # px of a side; standard deviation of what has detail
-_APART = 101  # pixels from one to the next of a sample
+_BLOCK, _DETAIL = 32, 0.01  # px on a side of blocks; least standard deviation of detail
+_APART = 101  # step of sampled pixels
 
 
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
-    """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
+    """sRGB-encoded values, clipped to 0…1; NaN becomes 0."""
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
         return _of_halves(encoded, 1.0).take(plane.view(np.uint16))
     values = np.clip(np.nan_to_num(np.asarray(plane, np.float32), nan=0.0), 0.0, 1.0)
@@ -110,13 +108,12 @@ def _of_halves(curve: Callable[..., NDArray[np.float32]], *args: float) -> NDArr
 def measure(
     pixels: Pixels, *, over: float, asked: Collection[str] | None = None
 ) -> dict[str, float]:
-    """The metrics of a pair by name, FLIP aside; those that it has not are left out.
+    """The metrics of a pair by name, without FLIP and those that it lacks.
 
     Args:
         pixels: the pair.
-        over: the difference that the metric ``share`` counts pixels beyond.
-        asked: the metrics that must be there even if they take long; None for all, SSIM if the
-            size of the picture allows.
+        over: the difference above which the metric ``share`` counts a pixel.
+        asked: the metrics to measure even if slow; None for all, with SSIM only of small pictures.
     """
     count = np.count_nonzero(pixels.finite) if pixels.finite is not None else pixels.a[0].size
     if not count:
@@ -146,10 +143,10 @@ def measure(
 
 
 def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
-    """What no codec does to blocks of luma that have detail: 0 where codecs may have done it all.
+    """The difference of blocks of luma that a codec cannot cause, 0 if a codec can cause all.
 
-    Codecs keep means: those of blocks, if they are most of the difference. And they change all of
-    the detail: the RMS of the worst block, if most are equal.
+    Codecs keep means, and change all detail: the result is the difference of means, if they are
+    most of the difference, or the RMS of the worst block, if most blocks are equal.
     """
     height, width = (length // _BLOCK for length in pixels.shape)
     cut = tuple(slice(number * _BLOCK) for number in (height, width))
@@ -181,7 +178,7 @@ def _similarity(pixels: Pixels) -> dict[str, float]:
 
 
 def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
-    """The metrics of hdr and, if ``shown``, PSNR: of the same values, clipped as by a screen."""
+    """The hdr metrics and, if ``shown``, PSNR, which has the same values, clipped to 1."""
     colors = {name for layer in pixels.color for name in layer}
     greatest = np.zeros(pixels.shape, np.float32)
     squares, of_screen = 0.0, dict.fromkeys(pixels.names, 0.0)
@@ -210,7 +207,7 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
 
 
 def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> NDArray[Any]:
-    """B − A, 0 where out."""
+    """B − A, 0 in pixels that are left out."""
     difference: NDArray[Any] = b - a
     if out is not None:
         difference[out] = 0.0
@@ -227,7 +224,7 @@ def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.floa
 def _ssim(
     a: NDArray[np.float32], b: NDArray[np.float32], finite: NDArray[np.bool_] | None
 ) -> float | None:
-    """Structural similarity of lumas [H, W], whose windows' middles are compared; None of none."""
+    """Structural similarity of lumas [H, W] over windows with compared middles, or None."""
     total, count = 0.0, 0
     inner = slice(REACH, -REACH)
     for top in range(0, a.shape[0] - 2 * REACH, _STRIP):
@@ -246,7 +243,7 @@ def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None, total:
     lower = math.floor(place)
     upper = min(lower + 1, total - 1)
     few = values[values >= np.quantile(values[::_APART], 0.99, method="lower")]
-    below = total - few.size  # pixels that are less than all of the few
+    below = total - few.size  # pixels below all of the few
     few, below = (few, below) if below <= lower else (values, 0)
     ordered = np.partition(few, (lower - below, upper - below))
     low, high = float(ordered[lower - below]), float(ordered[upper - below])

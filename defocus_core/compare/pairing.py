@@ -25,7 +25,7 @@ _VIEW = re.compile(r"(?<![A-Za-z])(left|right|L|R|l|r)(?![A-Za-z])", re.I)
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l"}
 _FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
 _VERSIONS = ("version", "renderer", "back")
-RECIPE = ".recipe.json"  # of a sample, beside what was accepted
+RECIPE = ".recipe.json"  # suffix of the recipe of a sample, beside accepted pictures
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class FilePair:
 
     name: str  # the path relative to both folders, or the name of the lone file of B
     a: Path | None  # the reference; None if A has no such file
-    b: Path | None  # what is judged; None if B has no such file
-    was: str = ""  # its name in A, if it has another one there
+    b: Path | None  # the file to judge; None if B has no such file
+    was: str = ""  # its name in A, if different
 
 
 def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
-    """The pairs of two files or two folders, sorted by name; `anew`: A may not be there yet."""
+    """The pairs of two files or two folders, sorted by name; `anew`: A need not exist."""
     if anew and b.exists() and not a.exists():
         names = _pictures(b) if b.is_dir() else {b.name: b}
         return [FilePair(name, None, path) for name, path in sorted(names.items())]
@@ -73,19 +73,19 @@ def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
 
 
 def further(golden: Path) -> list[Path]:
-    """The further pictures, NAME.1.exr, NAME.2.exr, …, that are accepted beside one."""
+    """The accepted alternatives of a picture, NAME.1.exr, NAME.2.exr, …."""
     there = golden.parent.iterdir() if golden.parent.is_dir() else ()
     return sorted(file for file in there if _main_of(file) == golden)
 
 
 def _main_of(path: Path) -> Path | None:
-    """NAME.exr of NAME.1.exr, beside which it may be accepted; None of other names."""
+    """NAME.exr for its alternative NAME.1.exr; None for other names."""
     name = Path(path.stem)
     return path.with_stem(name.stem) if name.suffix[1:].isdigit() else None
 
 
 def _renamed(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[tuple[Any, Any]]:
-    """Keys of A and of B with the same value, where there is one of each."""
+    """Pairs of keys of A and of B that alone have the same value."""
     counts = [Counter(side.values()) for side in (a, b)]
     of_a = {value: key for key, value in a.items()}
     for key, value in sorted(b.items()):
@@ -104,7 +104,7 @@ def _pictures(folder: Path) -> dict[str, Path]:
 
 
 def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
-    """Files that may stand in for another, with the finding that one does.
+    """Files that may replace another by mistake, with the finding of that.
 
     These are the other of the left and right view, the views of a render and the reverse, and the
     frames before and after it.
@@ -133,7 +133,7 @@ def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
 
 
 def view_partner(path: Path) -> Path | None:
-    """The file of the other of the left and right view, by its name; None if there is none.
+    """The file of the other one of left and right, by its name; None if there is none.
 
     The last of file name and folder that names a view decides.
     """
@@ -148,7 +148,7 @@ def view_partner(path: Path) -> Path | None:
 
 
 def other_view(name: str) -> str:
-    """A name with the other view instead of the last that it names; the same if it has none."""
+    """A name with its last view exchanged; unchanged if it has none."""
     match = list(_VIEW.finditer(name))
     if not match:
         return name
@@ -161,14 +161,14 @@ def other_view(name: str) -> str:
 
 @dataclass(frozen=True)
 class RecipeChange:
-    """What differs in the recipes of samples that two batches share."""
+    """A difference between recipes of samples in both batches."""
 
     # A setting like lens.fnum, ``renderer``, ``version``, ``back``, or ``input color`` of another
     # role, whose bytes differ
     what: str
     a: str  # what it is in A
     b: str  # what it is in B
-    samples: int  # number of samples that differ so
+    samples: int  # number of samples with this difference
     shared: int  # number of samples that both have
 
     @property
@@ -198,28 +198,28 @@ class BatchPairs:
 
 @dataclass(frozen=True)
 class Recipe:
-    """How the pictures of a sample were made, as a journal or a file beside goldens says."""
+    """The recipe of a sample, from a journal or a file beside goldens."""
 
     settings: Mapping[str, Any]
     version: str
     renderer: int | None
     inputs: Mapping[str, str | None]  # the hash of the bytes by role
     files: Mapping[str, str]  # relative paths of its pictures by kind
-    back: str = "torch"  # what rendered it
+    back: str = "torch"  # back of rendering
 
     @property
     def made_by(self) -> str:
-        """What made its pictures, under any name."""
+        """Everything that decides its pictures, except names."""
         return json.dumps([self.inputs, {**self.settings, "stem": ""}], sort_keys=True)
 
     @property
     def json(self) -> bytes:
-        """The sample as a file has it, the same bytes for the same recipe."""
+        """The content of the file of the recipe, the same bytes for the same recipe."""
         return json.dumps(asdict(self), indent=1, sort_keys=True).encode() + b"\n"
 
 
 def read_recipes(folder: Path) -> dict[str, Recipe]:
-    """The samples of a batch, or of goldens that were accepted from one; none of other folders."""
+    """The recipes of a batch or of its accepted goldens; empty for other folders."""
     if is_batch(folder):
         return {
             record.sample_id: Recipe(
@@ -246,7 +246,7 @@ def _read_recipe(folder: Path, name: str) -> Recipe:
     except (OSError, TypeError, AttributeError, *MALFORMED):
         pass
     remedy = "take one side of a merge, or remove it: ‹accept› writes it anew"
-    raise InputError("damaged", "is no recipe of a sample", remedy, path=folder / name)
+    raise InputError("damaged", "is not a recipe of a sample", remedy, path=folder / name)
 
 
 def samples_of(b: Path, pairs: Sequence[FilePair]) -> dict[str, Recipe]:
@@ -262,12 +262,12 @@ def is_batch(folder: Path) -> bool:
 
 
 def are_batches(*folders: Path) -> bool:
-    """Whether all of the folders have the journal of a batch, or recipes of what was accepted."""
+    """Whether all folders have the journal of a batch, or accepted recipes."""
     return all(is_batch(f) or (f.is_dir() and any(f.glob(f"*{RECIPE}"))) for f in folders)
 
 
 def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
-    """The pictures of two batches, paired by sample and kind; those of some names alone."""
+    """The pictures of two batches, paired by sample and kind, restricted to some names."""
     of_a, of_b = read_recipes(a), read_recipes(b)
     files_a, files_b = _files(a, of_a), _files(b, of_b)
     if not files_a and not files_b:
@@ -310,7 +310,7 @@ def chosen_pairs(pairs: list[FilePair], only: Sequence[str]) -> list[FilePair]:
 
 
 def _files(folder: Path, samples: Mapping[str, Recipe]) -> dict[tuple[str, str], Path]:
-    """The pictures of samples that are there, by sample and kind."""
+    """The existing pictures of samples, by sample and kind."""
     return {
         (name, kind): path
         for name, sample in samples.items()
@@ -321,7 +321,7 @@ def _files(folder: Path, samples: Mapping[str, Recipe]) -> dict[tuple[str, str],
 
 
 def _changes(a: Recipe, b: Recipe) -> Iterator[tuple[str, str, str]]:
-    """What differs between the recipes of two samples, and what it is in each."""
+    """The differences between two recipes, with the value in each."""
     for key, was, now in resume.changed_settings(a.settings, b.settings):
         yield key, f"{was!s:.200}", f"{now!s:.200}"
     for key in _VERSIONS:

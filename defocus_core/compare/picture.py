@@ -1,7 +1,7 @@
-"""Files decoded for comparison: all channels as stored, metadata, and how the file is laid out.
+"""Files decoded for comparison: all channels as stored, metadata, and layout of the file.
 
-Integers become 0…1, other numbers stay as they are. Nothing is scaled or multiplied by alpha,
-unless two files store differently: then `in_linear_light` makes them comparable.
+Integers become 0…1, other numbers stay as they are. Values are not scaled or multiplied by alpha;
+`in_linear_light` makes files of different types comparable.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_p
 from defocus_core.io.images.raster import PLAIN_CHANNELS, Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 
-# Of files that look like pictures or arrays, and are not decoded here: their bytes are compared.
+# Suffixes of pictures and arrays that are not decoded here, but compared by bytes.
 UNDECODED = frozenset(
     {".npz", ".h5", ".hdf5", ".mat", ".bin", ".pt", ".pth", ".raw", ".dng", ".psd", ".jxl", ".avif"}
 )
@@ -54,7 +54,7 @@ class DecodedPicture:
     """A decoded file."""
 
     path: Path
-    width: int  # of the picture shown, in px
+    width: int  # of the display window, in px
     height: int  # in px
     # Name of each channel to its pixels [h, w]; parts and pages of another size have planes of
     # their own size
@@ -66,9 +66,9 @@ class DecodedPicture:
     primaries: Chromaticities = REC_709  # of the colour, as the file declares them
     # Attributes that describe the picture, as text
     metadata: Mapping[str, str] = field(default_factory=dict)
-    # How the file is laid out, as text; it changes no pixel
+    # Layout of the file, as text; it changes no pixel
     layout: Mapping[str, str] = field(default_factory=dict)
-    # Of deep parts, whose planes are the picture in focus: the places y · 2^32 + x [N] under
+    # Samples of deep parts, whose planes are the flattened picture: places y · 2^32 + x [N] under
     # the name "", and the values [N] by channel, sorted by place and depth
     samples: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
@@ -89,7 +89,7 @@ def read_picture(path: Path) -> DecodedPicture:
 
 
 def _refuse_damaged_png(path: Path) -> None:
-    """Refuse a PNG whose chunks are not whole: decoders skip a damaged one that holds no pixels."""
+    """Refuse a PNG with damaged chunks, as decoders skip those without pixels."""
     data = memoryview(path.read_bytes())
     at, kind = len(_PNG), b""
     if b"acTL" in data[:_BEFORE_PIXELS].tobytes():
@@ -130,7 +130,7 @@ def planes_of(image: Any) -> dict[str, Any]:
         values = np.asarray(image)
     if values.dtype.kind not in "fiub":
         raise ValueError(f"image must have real numbers, got {values.dtype}")
-    shown = values.dtype in (np.uint8, np.uint16)  # as files have them
+    shown = values.dtype in (np.uint8, np.uint16)  # in the order of files
     if shown:
         values = values / np.float32(np.iinfo(values.dtype).max)
     if values.dtype != np.float16:
@@ -178,7 +178,7 @@ def layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
 
 
 def is_map(names: Sequence[str]) -> bool:
-    """Whether a file holds a map of numbers, and no light."""
+    """Whether a file holds a map of numbers, not light."""
     return set(names) <= {*NO_DEPTH, "Z"}
 
 
@@ -200,12 +200,12 @@ def in_linear_light(picture: DecodedPicture) -> DecodedPicture:
 
 
 def _prefix(name: str) -> str:
-    """What stands before the channel's own name, its dot or slash included."""
+    """The prefix of a channel name, with its dot or slash."""
     return name[: max(name.rfind("."), name.rfind("/")) + 1]
 
 
 def _place(name: str) -> tuple[str, int, str]:
-    """Sorts channels as people name them: R, G, B, A, then others by name."""
+    """The key to sort channels: R, G, B, A, then others by name."""
     own = name[len(_prefix(name)) :]
     return _prefix(name), "RGBA".find(own) if own in ("R", "G", "B", "A") else 4, own
 
@@ -267,7 +267,7 @@ def _exr_layout(headers: Sequence[Header]) -> dict[str, str]:
 
 
 def _spoken(raw: Raw) -> str:
-    """An attribute's value in words; of a type that is not known, its bytes."""
+    """The value of an attribute in words, or its bytes if its type is unknown."""
     kind, value = raw
     if kind == "string":
         return value.decode("utf-8", "replace")

@@ -1,7 +1,7 @@
-"""The pixels of two pictures that are compared, and their differences.
+"""The compared pixels of two pictures, and their differences.
 
-What looks at all pixels goes strip by strip: a strip stays in the cache, and a whole plane of
-differences does not. Differences are float32 and their sums float64.
+Passes over all pixels go strip by strip: a strip stays in the cache, a whole plane does not.
+Differences are float32 and their sums float64.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.picture import color_layers, is_map
 from defocus_core.system.text import counted
 
-_STRIP = 2**17  # pixels of a channel that are looked at together
-_LARGEST = 1e18  # value whose square float32 holds
+_STRIP = 2**17  # pixels of a channel in a strip
+_LARGEST = 1e18  # greatest value with a finite square in float32
 # The step of number types: by the power of 2 below a value, and the least.
 _HALF = (2.0**-10, 2.0**-24)
 _STEPS = {
     **{"half": _HALF, "float16": _HALF, "bfloat16": (2.0**-7, 0.0)},
-    # A sum is rounded more than once.
+    # tolerance in steps, as sums are rounded more than once
     **dict.fromkeys(("float", "float32"), (2.0**-20, 0.0)),
     **{"uint8": (0.0, 1 / 255), "uint16": (0.0, 1 / 65535)},
 }
@@ -54,10 +54,10 @@ class Pixels:
 
     names: tuple[str, ...]
     a: tuple[NDArray[Any], ...]  # [H, W] of each channel of A, any type
-    b: tuple[NDArray[Any], ...]  # the same of B
+    b: tuple[NDArray[Any], ...]  # the channels of B
     # Exponent of the power law that decodes the colour, 1 for linear, None for sRGB
     gamma: float | None
-    selected: NDArray[np.bool_] | None = None  # pixels that are compared, [H, W]; None for all
+    selected: NDArray[np.bool_] | None = None  # compared pixels, [H, W]; None for all
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -83,7 +83,7 @@ class Pixels:
         return finite
 
     def strips(self) -> Iterator[slice]:
-        """Rows of the picture that are looked at together."""
+        """The rows of each strip."""
         height, width = self.shape
         step = max(1, _STRIP // width)
         return (slice(top, min(top + step, height)) for top in range(0, height, step))
@@ -108,11 +108,11 @@ class Pixels:
 
     @cached_property
     def differences(self) -> Differences:
-        """The differences in numbers, of one pass over all pixels."""
+        """The differences in numbers, from one pass over all pixels."""
         greatest = np.zeros(self.shape, self._type)
         largest = dict.fromkeys(self.names, 0.0)
         magnitude = squares = level = 0.0
-        same = all(  # integers are compared faster
+        same = all(  # comparing integers is faster
             a.dtype == b.dtype
             and np.array_equal(a.view(f"u{a.itemsize}"), b.view(f"u{a.itemsize}"))
             for a, b in zip(self.a, self.b, strict=True)
@@ -157,7 +157,7 @@ class Pixels:
         return (self.a if side == "a" else self.b)[self.names.index(name)]
 
     def visible(self) -> tuple[Pixels, int]:
-        """The pair with the colours of A in B where both have alpha 0, and the pixels changed."""
+        """The pair with the colours of A in B where both have alpha 0, and the changed pixels."""
         planes, unseen = dict(zip(self.names, self.b, strict=True)), np.zeros(self.shape, bool)
         for layer in self.color:
             alpha = f"{layer[0][:-1]}A"
@@ -207,7 +207,7 @@ def _range(plane: NDArray[Any]) -> tuple[float, float]:
 class Nonfinite:
     """Pixels that are not finite."""
 
-    # Pixels by side and kind: ``a`` and ``b``, ``nan`` and ``inf``
+    # counts by side and kind: ``a`` and ``b``, ``nan`` and ``inf``
     counts: Mapping[str, Mapping[str, int]]
     # Pixels of each kind that one side has and the other has not, by side and kind, with column
     # and row of the first
@@ -228,7 +228,7 @@ class Nonfinite:
         return findings
 
     def notes(self) -> list[str]:
-        """What both sides have, in words."""
+        """Notes on pixels that are not finite on both sides."""
         both = {
             kind: min(self.counts[side][kind] for side in ("a", "b")) for kind in ("nan", "inf")
         }

@@ -1,4 +1,4 @@
-"""The record of a comparison: all that is known of a pair, of which reports are made."""
+"""The record of a comparison, from which reports are made."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ PASSING = (SAME, WARNING)
 
 @dataclass(frozen=True)
 class CompareSettings:
-    """How pairs are compared."""
+    """The settings of comparisons."""
 
-    region: CropRegion | None = None  # the part that is compared; None for all
-    mask: Path | None = None  # a file that is not 0 where pixels are compared
-    ignore_region: tuple[CropRegion, ...] = ()  # parts that are not compared
-    ignore_mask: Path | None = None  # a file that is not 0 where pixels are not compared
+    region: CropRegion | None = None  # the part to compare; None for all
+    mask: Path | None = None  # a file that is not 0 at compared pixels
+    ignore_region: tuple[CropRegion, ...] = ()  # parts to ignore
+    ignore_mask: Path | None = None  # a file that is not 0 at ignored pixels
     tolerate_edges: bool = False  # whether anti-aliased pixels may differ
-    flip: bool = False  # whether FLIP is measured
-    metadata: bool = False  # whether metadata that differs makes a picture different
+    flip: bool = False  # whether to measure FLIP
+    metadata: bool = False  # whether differing metadata makes a picture different
     ignore_metadata: tuple[str, ...] = ()  # patterns of names of attributes that may differ
-    # Whether the cause of a difference is looked for where no rule asks for it
+    # whether to search the cause of a difference even if no rule needs it
     diagnose: bool = True
 
 
@@ -45,7 +45,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All that is known of a pair.
+    """The results of a pair.
 
     Attributes:
         name: of the pair.
@@ -54,7 +54,7 @@ class Comparison:
         status: one of `STATUSES`.
         size: width and height of A.
         encoding: what the values are: ``linear``, ``sRGB`` or ``power`` for a power law.
-        findings: what happened to B, the structure first.
+        findings: causes of differences, structure first.
         metrics: by name, those that the pair has.
         channels: the greatest difference of each channel.
         differing: number of pixels that differ.
@@ -95,7 +95,7 @@ class Comparison:
 
     @property
     def acceptable(self) -> bool:
-        """Whether its file of B may become that of A."""
+        """Whether the file of B may replace that of A."""
         return self.status in (DIFFERENT, EXTRA) and self.b is not None
 
     @property
@@ -105,5 +105,5 @@ class Comparison:
 
     @property
     def passes(self) -> bool:
-        """Whether B may stand for A."""
+        """Whether B passes."""
         return self.status in PASSING

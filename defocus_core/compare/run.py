@@ -1,4 +1,4 @@
-"""All pairs compared, by several processes where there are many; images of the differences.
+"""The comparison of all pairs, in several processes if there are many; difference images.
 
 ``NAME.diff.exr`` has B − A of each channel, float. ``NAME.diff.png`` shows the difference of the
 colour, amplified, around middle grey; pixels that are NaN or infinite on one side are magenta.
@@ -25,8 +25,8 @@ from defocus_core.io.images.encode import write_samples
 from defocus_core.io.replacing import DIFFERENCE, KIND, identities, require_replaceable
 from defocus_core.system.process import spread
 
-FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
-# How many failing pairs have their causes sought, by what ``--causes`` says.
+FIRST = 20  # failing pairs whose causes are sought by default
+# Number of failing pairs whose causes are sought, by ``--causes``.
 CAUSES = {"first": FIRST, "all": math.inf, "none": 0}
 _GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side
 _MAGENTA = (255, 0, 255)
@@ -34,7 +34,7 @@ _AMPLIFICATION = "defocus:amplification"
 
 
 def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
-    """Write both images of a pair; its name with its suffix begins theirs."""
+    """Write both difference images of a pair, named after it."""
     exr, png = _difference_files(folder, record.name)
     with np.errstate(over="ignore"):
         signed = {name: pixels.difference(name).astype(np.float32) for name in pixels.names}
@@ -56,7 +56,7 @@ def _difference_files(folder: Path, name: str) -> tuple[Path, Path]:
 
 
 def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
-    """The power of 2 that makes the difference visible, and the picture of it [H, W, 3]."""
+    """The power of 2 that makes the difference visible, and the amplified picture [H, W, 3]."""
     names = pixels.color[0] if pixels.color else pixels.names[:1]
     largest = pixels.differences.largest
     if not any(largest[name] for name in names):  # the others differ
@@ -77,7 +77,7 @@ def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, N
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be done with each pair."""
+    """The work on each pair."""
 
     thresholds: Thresholds
     settings: CompareSettings
@@ -85,7 +85,7 @@ class Task:
     causes: str = "first"
 
     def require_room(self, pairs: Sequence[FilePair]) -> None:
-        """Refuse to write difference images over other files, or over one that is compared."""
+        """Refuse to write difference images over other files, or over compared ones."""
         if self.images is not None:
             inputs = identities(path for pair in pairs for path in (pair.a, pair.b) if path)
             for pair in pairs:
@@ -106,10 +106,10 @@ class Task:
 
 
 def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterator[Comparison]:
-    """The records of all pairs, in their order, each when it is there.
+    """Yield the records of all pairs in order, each as soon as it is there.
 
-    Of the first pairs causes are sought at once; of a later one if it fails and is among the first
-    that do, so that the same pairs have causes whatever number of processes there is.
+    Causes are sought at once for the first pairs, later only for the first failing ones, so that
+    the same pairs have causes with any number of processes.
     """
     most = CAUSES[task.causes]
     pieces = [(pair, number < most) for number, pair in enumerate(pairs)]

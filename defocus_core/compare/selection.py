@@ -1,4 +1,4 @@
-"""Pixels that are compared: a region, a mask, and those that differ by anti-aliasing alone."""
+"""Selection of compared pixels: regions, masks, anti-aliased pixels."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 
 _EDGE = 1.0  # px
-_EQUAL = 0.5 / 255  # greatest difference of values that are equal beside anti-aliased ones
+_EQUAL = 0.5 / 255  # greatest difference of equal values beside anti-aliased pixels
 _REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")
 
 
 @dataclass(frozen=True)
 class CropRegion:
-    """A rectangle of the picture shown: its first column and row, width and height in px."""
+    """A rectangle of the display window: first column and row, width and height in px."""
 
     x: int
     y: int
@@ -33,7 +33,7 @@ class CropRegion:
         return f"{self.x},{self.y},{self.width},{self.height}"
 
     def cut(self, size: tuple[int, int], field: str = "region") -> tuple[slice, slice]:
-        """Rows and columns of a picture of (height, width).
+        """The rows and columns of the region.
 
         `size`: (height, width) of the picture.
         """
@@ -48,7 +48,7 @@ class CropRegion:
 
 
 def region(text: str) -> CropRegion:
-    """The region that ``X,Y,W,H`` means."""
+    """The region of a text ``X,Y,W,H``."""
     match = _REGION.fullmatch(text)
     if match is None:
         raise QuantityError(
@@ -83,7 +83,7 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
 
 
 def _of_size(path: Path, size: tuple[int, int], remedy: str) -> DecodedPicture:
-    """A picture, which must have this (height, width)."""
+    """A decoded picture, refused if it is not of this (height, width)."""
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
         problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
@@ -94,8 +94,8 @@ def _of_size(path: Path, size: tuple[int, int], remedy: str) -> DecodedPicture:
 def anti_aliased(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
     """Pixels [H, W] that are anti-aliased in A or in B, by the rule of Vyšniauskas (2009).
 
-    Of the eight neighbours of such a pixel one is darker and one brighter, at most two are equal to
-    it, and the darkest or the brightest lies in a place that is flat in both A and B.
+    Such a pixel has a darker and a brighter neighbour among eight, at most two equal ones, and its
+    darkest or brightest neighbour lies in a flat area of both A and B.
     """
     flat = np.logical_and(*(_is_flat([np.asarray(v, np.float32) for v in side]) for side in (a, b)))
     return np.asarray(_is_between(a, flat) | _is_between(b, flat))

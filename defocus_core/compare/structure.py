@@ -1,7 +1,7 @@
 """How two files differ apart from their pixels: size, channels, samples, primaries, metadata.
 
-Another number type, order of channels, codec or data window is a note. Metadata that differs is
-listed apart.
+Another number type, order of channels, codec or data window is a note. Differing metadata is listed
+separately.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ def compare_structure(
 ) -> tuple[Comparison, list[str], bool]:
     """The record with the structure of both files, and the channels that are compared.
 
-    Those are the ones that both have, in the size of the picture. Last is whether B is different
-    for its structure, whatever its pixels are.
+    These are common channels of the size of the picture. The last value is whether the structure
+    alone makes B different.
     """
     both = [name for name in a.planes if name in b.planes]
     resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
     common = [n for n in both if n not in resized and a.planes[n].shape == (a.height, a.width)]
     lone = _depths_of_samples(a, b)
     findings = [*_of_channels(a, b, resized, lone)]
-    others = [name for name in both if name not in (*resized, *common)]  # as those of a thumbnail
+    others = [name for name in both if name not in (*resized, *common)]  # like those of a thumbnail
     apart = [name for name in others if not _equal(a.planes[name], b.planes[name])]
     ignored = settings.ignore_metadata
     metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
@@ -67,7 +67,7 @@ def _equal(a: Any, b: Any) -> bool:
 def _of_channels(
     a: DecodedPicture, b: DecodedPicture, resized: Sequence[str], lone: Sequence[str]
 ) -> Iterator[Finding]:
-    """Another size, missing and further channels; but for those of depth that are alone."""
+    """Findings of another size, missing and further channels, except lone channels of depth."""
     if (a.width, a.height) != (b.width, b.height):
         text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"
         values = {"a": [a.width, a.height], "b": [b.width, b.height]}
@@ -85,7 +85,7 @@ def _of_channels(
 def _compare_primaries(
     a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]
 ) -> Iterator[Finding]:
-    """Whether two pictures declare other primaries, by which equal numbers are other colours."""
+    """Whether two pictures declare different primaries, so that equal numbers are other colours."""
     counts = _heeded({"chromaticities": ""}, ignored)
     if counts and any(color_layers([*a.planes])) and not same_primaries(a.primaries, b.primaries):
         old, new = (primaries_name(each.primaries) for each in (a, b))
@@ -94,7 +94,7 @@ def _compare_primaries(
 
 
 def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
-    """How the samples of two deep pictures differ; nothing if they do not, or one is flat."""
+    """Differences of the samples of two deep pictures; empty if there are none, or one is flat."""
     if not a.samples or not b.samples:
         return
     old, new = (each.samples[""] for each in (a, b))
@@ -116,7 +116,7 @@ def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
 
 
 def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
-    """Channels of depth that a deep picture must have, and that the other lacks as it is flat."""
+    """Channels of depth that a deep picture must have, and that a flat one lacks."""
     if bool(a.samples) == bool(b.samples):
         return []
     deep, flat = (a, b) if a.samples else (b, a)
@@ -142,7 +142,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _notes_of(a: DecodedPicture, b: DecodedPicture, lone: Sequence[str]) -> list[str]:
-    """What changes no pixel, in words; ``lone`` are channels of depth that only a deep file has."""
+    """Notes on differences that change no pixel; ``lone``: channels that only a deep file has."""
     types: dict[tuple[str, str], list[str]] = {}
     for name in a.planes:
         old, new = a.types[name], b.types.get(name)
@@ -170,7 +170,7 @@ def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
 
 
 def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
-    """How a picture of another size comes from A, if that is seen: as a crop, or turned by 90°."""
+    """The relation to A of a picture of another size, if found: a crop, or a turn by 90°."""
     sides = []
     for side in (a, b):
         size = (side.height, side.width)

@@ -1,7 +1,7 @@
-"""Rules like ``psnr<45`` and ``found:clipped``: which pictures fail, and which get a warning.
+"""Rules like ``psnr<45`` and ``found:clipped``, by which pictures fail or get a warning.
 
-A rule says when a picture is bad, so that it fails. A rule that would fail the better picture, like
-``psnr>45``, is refused: it lets everything through.
+A rule is a condition of bad pictures. A rule that better pictures meet, like ``psnr>45``, is
+refused.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.request.quantities import QuantityError, read_at
 from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
 
-OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another
+OVER = 0.01  # default difference above which ``share`` counts a pixel
 _RULE = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|<|>)\s*([+-]?[\d.]+(?:e[+-]?\d+)?)\s*(%|dB)?\s*", re.I)
 _COMPARISONS = {"low": (">", ">="), "high": ("<", "<=")}
 _KEYS = ("fail", "warn", "over", "ignore-channels")
@@ -31,10 +31,10 @@ _KEYS = ("fail", "warn", "over", "ignore-channels")
 class Rule:
     """A condition that a bad picture meets."""
 
-    metric: str  # a name of `METRICS`; empty if the rule is on what was found
+    metric: str  # a name of `METRICS`; empty for a rule on findings
     sign: str  # <, <=, > or >=
     bound: float  # the number on the right
-    text: str  # as it was written
+    text: str  # the text of the rule
     found: str = ""  # the name, or the first words of the name, of a finding; ``*`` for any
 
     def is_met(self, metrics: Mapping[str, float], findings: Collection[str]) -> bool | None:
@@ -53,7 +53,7 @@ class Rule:
 
 
 def rule(text: str) -> Rule:
-    """The rule that a text means."""
+    """The rule of a text."""
     word, colon, finding = text.strip().partition(":")
     if colon and word.lower() == "found":
         return _found(" ".join(finding.split()))
@@ -95,7 +95,7 @@ class Rules:
 
     fail: tuple[Rule, ...] = ()  # a picture that meets one of them is different
     warn: tuple[Rule, ...] = ()  # a picture that meets one of them is the same, with a warning
-    over: float = OVER  # the difference that the metric ``share`` counts pixels beyond
+    over: float = OVER  # the difference above which the metric ``share`` counts a pixel
     visible_only: bool = False  # whether colours where A is 0 on both sides may differ
     to_a_step: bool = False  # whether values may differ by a step of their number type
     ignore_channels: tuple[str, ...] = ()  # patterns of channels that are not compared
@@ -106,11 +106,11 @@ class Rules:
 
     @property
     def asked(self) -> set[str]:
-        """The metrics that rules are on."""
+        """The metrics that the rules use."""
         return {each.metric for each in (*self.fail, *self.warn) if each.metric}
 
 
-# What holds for goldens where nothing is given: another processor rounds otherwise.
+# Default tolerance of goldens, as processors round differently.
 ROUNDING = rule("max>1e-4")
 
 
@@ -118,7 +118,7 @@ def _rules(fail: Sequence[str], warn: Sequence[str], **flags: Any) -> Rules:
     return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)), **flags)
 
 
-# What pictures are to be like, with the rules for it; what passes one is said at least.
+# Presets of rules by the origin of B; passing differences are noted.
 PRESETS = {
     "render": _rules(
         ["hdr-p99.9>0.015", "hdr-max>0.25", "found:clipped"],
@@ -138,7 +138,7 @@ def rules_like(like: str | None, bounds: Mapping[str, float]) -> Rules:
     """The rules of a golden in Python: those of a preset, and bounds of metrics besides.
 
     Raises:
-        ValueError: there is no such preset, or a bound is no number.
+        ValueError: there is no such preset, or a bound is not a number.
         TypeError: there is no such metric.
     """
     if like is not None and like not in PRESETS:
@@ -162,9 +162,9 @@ class Thresholds:
     """The rules for all pictures, and for pictures whose names match a pattern."""
 
     general: Rules = Rules()  # the rules for all
-    # Pattern, and what differs from the general rules; the last that matches wins
+    # patterns with changes of the general rules; the last match wins
     overrides: tuple[tuple[str, Mapping[str, Any]], ...] = ()
-    # What the command line says, which wins over all
+    # changes by the command line, which win over all
     flags: Mapping[str, Any] = field(default_factory=dict)
 
     def of(self, name: str) -> Rules:
@@ -176,13 +176,13 @@ class Thresholds:
         return replace(rules, **self.flags)
 
     def idle(self, names: Sequence[str]) -> list[str]:
-        """Patterns that match none of the pictures."""
+        """The patterns that match no picture."""
         patterns = dict.fromkeys(pattern for pattern, _ in self.overrides)
         return [p for p in patterns if not any(matches(name, p) for name in names)]
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether a pattern means a picture: its relative path, or its name if it has no slash.
+    """Whether a pattern matches a picture: its relative path, or its name if without a slash.
 
     ``*`` stands for any characters, those of folders included, and ``./`` for the folder compared.
     """
@@ -251,7 +251,7 @@ def _changes(table: Table) -> dict[str, Any]:
 
 
 def difference(value: object, where: Place) -> float:
-    """A difference that the metric ``share`` counts pixels beyond."""
+    """A difference above which the metric ``share`` counts a pixel."""
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
     raise UsageProblem(

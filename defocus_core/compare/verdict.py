@@ -1,4 +1,4 @@
-"""The verdict of a pair: what its rules say of its metrics and of what was found.
+"""The verdict of a pair, by rules on its metrics and findings.
 
 Without rules, B is the same if all values are equal over the display window; −0 equals 0, and NaN
 equals NaN. With rules to fail, the rules decide about values. Another size, another set of
@@ -21,14 +21,14 @@ from defocus_core.compare.thresholds import ROUNDING, Rule, Rules
 
 # Findings that are a warning if no rule fails.
 _NEVER_SILENT = ("clipped", "deep samples", "other primaries declared")
-_SMALL = 0.1  # scale of values below which rounding is a share of it
-_SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
+_SMALL = 0.1  # scale of values, below which rounding is relative to it
+_SEEN = 0.5 / 255  # half a step of 8 bits, on the hdr scale
 
 
 def judge(record: Comparison, rules: Rules, *, differs: bool, strict: bool) -> Comparison:
     """The record with its verdict.
 
-    `differs`: whether values do; `strict`: whether B is different whatever rules say.
+    `differs`: whether values differ; `strict`: whether B is different regardless of rules.
     """
     metrics, found = record.metrics, [finding.name for finding in record.findings]
     failed, warned = (_met(each, metrics, found) for each in (rules.fail, rules.warn))
@@ -48,12 +48,12 @@ def _met(
 
 
 def _decide(rules: Rules, metrics: Mapping[str, float]) -> bool:
-    """Whether rules to fail decide about values: one is on what is known of the pair."""
+    """Whether rules to fail decide about values: the metric of one is known."""
     return any(each.found or each.metric in metrics for each in rules.fail)
 
 
 def overlooked(rules: Rules, pixels: Pixels) -> list[str]:
-    """Channels beside colour, like A, that differ where all rules look at colour alone."""
+    """Channels beside colour, like A, that differ while all rules are on colour alone."""
     metrics = [METRICS[each.metric] for each in rules.fail if each.metric]
     if not metrics or not all(metric.color for metric in metrics):
         return []
@@ -64,9 +64,9 @@ def overlooked(rules: Rules, pixels: Pixels) -> list[str]:
 
 
 def asks_for_cause(rules: Rules, found: Collection[str], pixels: Pixels) -> bool:
-    """Whether only a diagnosis says if a finding is there that a rule is about."""
+    """Whether a rule on a finding needs a diagnosis."""
     return any(
-        # Light that is cut off above is always found.
+        # Clipped light is always found.
         (each.found != "clipped" or may_be_cut_below(pixels)) and not each.is_met({}, found)
         for each in (*rules.fail, *rules.warn)
         if each.found
@@ -74,7 +74,7 @@ def asks_for_cause(rules: Rules, found: Collection[str], pixels: Pixels) -> bool
 
 
 def is_suspect(rules: Rules, metrics: Mapping[str, float], found: Collection[str]) -> bool:
-    """Whether values that differ fail, or get a warning for what a screen of 8 bits can show."""
+    """Whether differing values fail, or get a warning for a difference visible in 8 bits."""
     if not _decide(rules, metrics) or _met(rules.fail, metrics, found):
         return True
     seen = not metrics.get("hdr-max", math.inf) < _SEEN
@@ -82,7 +82,7 @@ def is_suspect(rules: Rules, metrics: Mapping[str, float], found: Collection[str
 
 
 def of_small_values(rules: Rules, pixels: Pixels) -> Rules:
-    """Rules whose bound for rounding follows the scale of A, where all its values are small."""
+    """Rules with a bound for rounding that follows the scale of A, if all its values are small."""
     if ROUNDING not in rules.fail:
         return rules
     finite = (np.abs(plane[np.isfinite(plane)]) for plane in pixels.a)
@@ -96,9 +96,9 @@ def of_small_values(rules: Rules, pixels: Pixels) -> Rules:
 
 
 def proposal(rules: Rules, metrics: Mapping[str, float]) -> str:
-    """The tightest rule of two digits that lets a pair pass; none if a black B passed, too.
+    """The tightest rule of two digits that lets a pair pass; empty if a black B passed, too.
 
-    None either, if rules are given.
+    It is empty, too, if rules are given.
     """
     greatest, relative = metrics.get("max"), metrics.get("rel-rmse")
     given = any(each != ROUNDING for each in rules.fail)

@@ -116,7 +116,7 @@ class PictureLenses:
 
     @property
     def is_complete(self) -> bool:
-        """Whether no option is left for a lone picture of relative depth to decide."""
+        """Whether default blur and focus of relative depth need not be tried."""
         fixed = self.varies or self.radii
         return fixed or not ("blur" in self.options or missing_options(self.options))
 

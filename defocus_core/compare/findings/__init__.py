@@ -1,7 +1,7 @@
-"""What happened to a picture, by the evidence of its pixels: explanations, causes, findings.
+"""The causes of differences, found from pixels: explanations, causes, findings.
 
-Terms: A is the reference and B is what is judged. An explanation predicts B from A; what it leaves
-of the difference is measured, and the one that leaves much less than its rivals is the cause. A
+Terms: A is the reference and B is the picture to judge. An explanation predicts B from A; the
+    explanation whose residual is much smaller than those of its rivals is the cause. A
 finding is the name of a cause, with its numbers.
 
 Causes are rows of `table`: `tone` (values in place), `geometry` (places), `softness` (sharpness)

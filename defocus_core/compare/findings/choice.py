@@ -1,9 +1,9 @@
-"""What happened to B: causes tried in turn, and the one that leaves much less than its rivals.
+"""The choice of a cause: models are tried in turn, and that with the smallest residual wins.
 
-A cause is named where it leaves at most half of what each rival leaves, and of the difference. A
-model that can make what a simpler one makes is no rival to it, and must leave half as much to stand
-in its place. Where two rivals leave about as much, both are said beside the place of the
-difference, and none is named.
+A cause is named if its residual is at most half of that of each rival, and of the difference. A
+model that includes a simpler one is not its rival, and replaces it only with half of its residual.
+If two rivals have similar residuals, none is named, and both are mentioned beside the place of the
+difference.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from defocus_core.errors import InputError
 
 # Attributes of a render that decide its CoC.
 _OF_A_COC = ("fnumber", "focus", "focal_length", "coc_px", "blades", "blade_rotation")
-_LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
-_HALF = 0.5**0.5  # greatest share that a cause leaves of what a rival leaves: half of its square
-_SIMPLER = 0.5  # the same of what a simpler case of it leaves
-_ENOUGH = 0.95  # share explained by a cause, beyond which no more general one is named
-_LEFT_OF_FEW = 0.06  # the same of a picture of few pixels
-_WEAK = 0.35  # share left by a fit that gives way to one by looks, and to a rectangle
-_ALL = 2e-3  # share left by what explains all: of two such causes the first is named
-_SLIGHT = 2.5  # RMS of a difference in those of rounding, below which there is none to explain
+_LAST_BITS = 2e-5  # largest difference, invisible on any scale, that another machine may cause
+_HALF = 0.5**0.5  # greatest residual by that of a rival: half in squares
+_SIMPLER = 0.5  # the same by that of a simpler case
+_ENOUGH = 0.95  # share explained by a cause, beyond which a more general one is not named
+_LEFT_OF_FEW = 0.06  # the same for a picture of few pixels
+_WEAK = 0.35  # residual above which a fit yields to one by looks, and to a rectangle
+_ALL = 2e-3  # residual of a complete explanation: the first such cause is named
+_SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
 
 
 def diagnose(
     pixels: Pixels, a: DecodedPicture, b: DecodedPicture, corner: tuple[int, int] = (0, 0)
 ) -> list[Finding]:
-    """The cause of the differences of a pair that has some, or their place, or nothing."""
+    """The cause of the differences of a pair, or their place, or None."""
     codecs = a.layout.get("compression", ""), b.layout.get("compression", "")
     evidence = Evidence(pixels, b.types, _others(pixels, a.path), codecs)
     old, new = (evidence.scaled(side) for side in evidence.sampled)
@@ -57,7 +57,7 @@ def diagnose(
 
 
 def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanation]]:
-    """The explanation that is named, if there is one; else the two that tie."""
+    """The explanation to name, if there is one; else the two that tie."""
     fits: dict[str, Explanation] = {}
     for fit in _fits(evidence, looks=False):
         known = fits.get(kind_of(fit.name))
@@ -68,7 +68,7 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     chosen = next((fit for fit in good if _is_chosen(fit, [*fits.values()], evidence)), None)
     if chosen is not None and chosen.left <= _WEAK:
         return chosen, ()
-    # What is known by its looks is measured by other means.
+    # Causes known by their looks have other measures.
     for fit in _fits(evidence, looks=True):
         if _is_enough(fit, evidence) and (not chosen or fit.left <= _SIMPLER * chosen.left):
             return fit, ()
@@ -78,7 +78,7 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
 
 
 def _is_chosen(fit: Explanation, others: Sequence[Explanation], evidence: Evidence) -> bool:
-    """Whether a fit leaves so much less than its rivals, and no simpler one serves."""
+    """Whether a fit beats its rivals, and no simpler one suffices."""
     rivals = [each for each in others if not _is_beyond(each, fit)]
     serves = any(
         fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
@@ -89,7 +89,7 @@ def _is_chosen(fit: Explanation, others: Sequence[Explanation], evidence: Eviden
 
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
-    """The fits of causes to a pair, of those that may have befallen it."""
+    """The fits of possible causes to a pair."""
     rows, colors = {row.name: row for row in CAUSES}, evidence.pixels.color
     lit = not {name for layer in colors for name in layer}.isdisjoint(evidence.names)
     for model in dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= lit):
@@ -100,18 +100,18 @@ def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
 
 
 def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
-    """Whether a cause explains as much of the difference as it must."""
+    """Whether a cause explains enough of the difference."""
     few = not evidence.is_small or fit.left <= _LEFT_OF_FEW
     return few and evidence.explained(fit.left) >= 1 - fit.limit
 
 
 def _is_beyond(fit: Explanation, other: Explanation) -> bool:
-    """Whether a model can make what a simpler one makes; of one name both are one."""
+    """Whether a model includes a simpler one, or has the same name."""
     return kind_of(other.name) in (*fit.beyond, kind_of(fit.name))
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
-    """A finding in words of numbers where no light differs, or of the channels at fault."""
+    """A finding reworded for channels that are not light, or with the differing channels."""
     names = ", ".join(evidence.names)
     colors = [name for layer in evidence.pixels.color for name in layer]
     if colors and set(colors) <= set(evidence.names):
@@ -127,7 +127,7 @@ def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
 
 
 def _by_lens(finding: Finding, files: tuple[DecodedPicture, DecodedPicture]) -> Finding:
-    """What is softer or sharper by another CoC, if metadata or CoC maps of both say so."""
+    """The finding of another CoC, if metadata or CoC maps of both show that."""
     if finding.name not in ("softer", "sharper"):
         return finding
     a, b = (file.metadata for file in files)
@@ -153,7 +153,7 @@ def _others(pixels: Pixels, file_a: Path | None) -> dict[str, Mapping[str, Any]]
     for name, path in partners(file_a):
         try:
             picture = read_picture(path)
-        except InputError:  # it is judged as a pair of its own
+        except InputError:  # it is compared as a pair of its own
             continue
         others[name] = (in_linear_light(picture) if pixels.gamma == 1.0 else picture).planes
     return others

@@ -1,9 +1,9 @@
-"""Sampled pixels of a pair, against which explanations of a difference are tried.
+"""Sampled pixels of a pair, on which explanations of a difference are tested.
 
-An explanation predicts B from A, rounded as the file of B rounds. What it leaves of the difference
-is measured at pixels that did not choose its parameters: blocks of 16 px take turns. It is measured
-on a scale that is sRGB up to 1 and logarithmic beyond, so that a few highlights do not decide.
-Rounding is forgiven only after that, where it says how much is explained.
+An explanation predicts B from A, rounded like the file of B. Its residual is measured at pixels
+that did not choose its parameters: blocks of 16 px alternate. The scale is sRGB up to 1 and
+logarithmic beyond, so that a few highlights do not decide. Rounding is subtracted only in the share
+that is explained.
 """
 
 from __future__ import annotations
@@ -23,48 +23,48 @@ from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
 
-_SAMPLES = 12_000  # pixels that are looked at
-_FEW = 2048  # pixels of a picture below which what explains half of them may be chance
-_FRAME = 448  # px of a side of the part that is looked at as a whole
-_LARGE = 0.5  # difference beyond which a pixel does not count more
-_GRID = 16  # px that the corner of the frame is a multiple of, so that blocks are whole
-_BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
-_LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
-_PART_OF = 0.6  # greatest share of a picture that a rectangle of it has
+_SAMPLES = 12_000  # number of sampled pixels
+_FEW = 2048  # pixels of a picture, below which explaining half of them may be chance
+_FRAME = 448  # px on a side of the part that is analysed as a whole
+_LARGE = 0.5  # difference beyond which the weight of a pixel does not grow
+_GRID = 16  # the corner of the frame is a multiple of these px, so that blocks are whole
+_BLOCK = 16  # px of alternating blocks: one chooses parameters, the next measures
+_LARGEST = 1e30  # greatest value: beyond it, arithmetic in float32 overflows
+_PART_OF = 0.6  # greatest share of a picture in a rectangle
 LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
-# RMS of what number types round off, on the scale of differences: absolute, and of the level.
+# RMS rounding error of number types on the scale of differences: absolute, and relative.
 _ROUNDING = {"uint8": (0.41 / 255, 0.0), "uint16": (0.41 / 65535, 0.0), "half": (0.0, 4e-4)}
 _FLOAT = (0.0, 1e-6)
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A cause whose parameters are those that explain most of a difference."""
+    """A cause with its best parameters."""
 
-    left: float  # share of the RMS difference that it leaves, measured
+    left: float  # residual as a share of the RMS difference
     name: str  # of the finding
-    how: str = ""  # what the words of the finding say after its name
-    values: Mapping[str, Any] = field(default_factory=dict)  # its parameters, for programs
-    text: str = ""  # the words, where they do not begin with the name
+    how: str = ""  # words after the name in the finding
+    values: Mapping[str, Any] = field(default_factory=dict)  # parameters, for programs
+    text: str = ""  # the words, if they do not begin with the name
     beyond: tuple[str, ...] = ()  # as of its row in the table of causes, as the largest that
     limit: float = 0.0  # it may leave
 
     @property
     def finding(self) -> Finding:
-        """The finding that it makes."""
+        """The finding of this explanation."""
         return Finding(self.name, self.text or self.name + self.how, self.values)
 
 
 class Evidence:
-    """A pair as explanations see it.
+    """The samples of a pair, for explanations.
 
     Attributes:
-        names: of the channels that differ.
+        names: the channels that differ.
         gamma: as of `Pixels`.
         types: number types of B.
         others: channels of files beside that of A, by the finding that B is one of these.
         codecs: compression of the files of A and of B.
-        is_small: whether there are so few pixels that what explains half of them may be chance.
+        is_small: whether there are so few pixels that explaining half of them may be chance.
     """
 
     def __init__(
@@ -101,14 +101,14 @@ class Evidence:
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
-        """Pixels that each sample [N] stands for: those that differ are sampled more often."""
+        """Pixels per sample [N], since differing ones are sampled more densely."""
         differs = self.pixels.greatest[self.places] > 0
         share, there = float((self.pixels.greatest > 0).mean()), float(differs.mean())
         return np.where(differs, share / max(there, 1e-9), (1 - share) / max(1 - there, 1e-9))
 
     @cached_property
     def fits(self) -> NDArray[np.bool_]:
-        """Samples [N] that choose parameters; the others measure."""
+        """Mask [N] of the samples that choose parameters; the others measure."""
         rows, columns = (places // _BLOCK for places in self.places)
         return np.asarray((rows + columns) % 2 == 0)
 
@@ -119,7 +119,7 @@ class Evidence:
 
     @cached_property
     def steady(self) -> NDArray[np.bool_]:
-        """Samples [C, N] of A that a file with bounds has not clipped."""
+        """Mask [C, N] of the samples of A that are not clipped by an integer type."""
         a = self.sampled[0]
         return np.ones(a.shape, bool) if self._is_linear else (a > 0.004) & (a < 0.996)
 
@@ -131,11 +131,11 @@ class Evidence:
 
     @property
     def _is_linear(self) -> bool:
-        """Whether values are linear light, or none at all."""
+        """Whether values are linear light, or not light at all."""
         return self.gamma == 1.0 or not self.pixels.color
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values on the scale that differences are measured on."""
+        """Values on the scale of differences."""
         return self.scaled_light(values) if self._is_linear else values
 
     def scaled_light(self, light: NDArray[Any]) -> NDArray[Any]:
@@ -143,11 +143,11 @@ class Evidence:
         return unclipped(light) if self.pixels.color else np.arcsinh(light)
 
     def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Stored values of those on the scale of differences."""
+        """Stored values from those on the scale of differences."""
         return self.unscaled_light(values) if self._is_linear else values
 
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Linear light of values on the scale of differences."""
+        """Linear light from values on the scale of differences."""
         if not self.pixels.color:
             return np.asarray(np.sinh(values))
         size = np.abs(values)
@@ -164,14 +164,14 @@ class Evidence:
         return np.asarray(np.maximum(values, 0.0).astype(np.float64) ** self.gamma)
 
     def stored(self, light: NDArray[Any]) -> NDArray[np.float32]:
-        """Linear light as the files store it."""
+        """Stored values from linear light."""
         if self.gamma == 1.0:
             return light.astype(np.float32)
         shown: NDArray[np.float32] = np.clip(light, 0.0, 1.0).astype(np.float32)
         return unclipped(shown) if self.gamma is None else shown ** np.float32(1 / self.gamma)
 
     def rounded(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Stored values in the steps of the file of B."""
+        """Stored values, rounded to the steps of the file of B."""
         if "half" in self.types or "float16" in self.types:
             return values.clip(-65504, 65504).astype(np.float16).astype(np.float32)
         top = {"uint8": 255, "uint16": 65535}.get(min(self.types, default=""), 0)
@@ -181,7 +181,7 @@ class Evidence:
 
     @cached_property
     def rounding(self) -> float:
-        """RMS of what the number type of B rounds off, on the scale of differences."""
+        """RMS rounding error of the number type of B, on the scale of differences."""
         values = self.scaled(self.sampled[1])
         level = math.sqrt(float(np.square(values).mean())) if values.size else 0.0
         steps = (_ROUNDING.get(kind, _FLOAT) for kind in self.types)
@@ -196,7 +196,7 @@ class Evidence:
         return math.sqrt(float(power))
 
     def explained(self, left: float) -> float:
-        """Share of a difference that is explained where this is left, rounding forgiven."""
+        """The explained share of a difference for a residual, without rounding errors."""
         forgiven = (self.rounding / self.rms) ** 2 if self.rms else 0.0
         return 1 - math.sqrt(max(left * left - forgiven, 0.0))
 
@@ -207,7 +207,7 @@ class Evidence:
         return b, b - a
 
     def left(self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None) -> float:
-        """Share of the difference that is left if B were as predicted at the samples [C, N].
+        """The residual of a prediction of B at the samples [C, N], as a share of the difference.
 
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
         """
@@ -239,7 +239,7 @@ class Evidence:
 
     @cached_property
     def is_rectangle(self) -> bool:
-        """Whether what differs is a rectangle: within the picture, its rims differ as all of it."""
+        """Whether the difference is a rectangle within the picture, whose rims differ as well."""
         changed, (top, left, bottom, right) = self.pixels.greatest > 0, self.window
         within, (height, width) = changed[top:bottom, left:right], self.size
         if within.size > _PART_OF * changed.size or min(within.shape) < 4:
@@ -251,7 +251,7 @@ class Evidence:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Rows and columns that are looked at as a whole: where most differs."""
+        """Rows and columns of the part that is analysed as a whole, with most of the difference."""
         return densest(self.pixels.greatest, _FRAME)
 
     @cached_property
@@ -262,7 +262,7 @@ class Evidence:
 
     @cached_property
     def clipped_near(self) -> NDArray[np.bool_]:
-        """Pixels [h, w] of the frame near to one that may be clipped, in files with bounds."""
+        """Mask [h, w] of the frame around pixels that may be clipped by an integer type."""
         near = np.zeros(self.framed[0].shape, bool)
         if self._is_linear:
             return near
@@ -271,7 +271,7 @@ class Evidence:
         return widened(near, _BLOCK // 2)
 
     def left_framed(self, predicted: NDArray[Any], where: NDArray[np.bool_]) -> float:
-        """Share of the difference of the frame [h, w] that is left if its light were so."""
+        """The residual of predicted light [h, w] of the frame, as a share of the difference."""
         used = where & ~self.clipped_near
         a, b, shown = (self.scaled_light(v[used]) for v in (*self.framed, predicted))
         every, rest = (float(np.square(v - b, dtype="f8").sum()) for v in (a, shown))
@@ -279,7 +279,7 @@ class Evidence:
 
 
 def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) -> NDArray[Any]:
-    """Places of so many true pixels of a mask, by chance; fewer where it has fewer."""
+    """Places of at most `count` random true pixels of a mask."""
     tried = generator.integers(0, mask.size, 8 * count)
     found = tried[mask.ravel()[tried]][:count]
     if len(found) == count:
@@ -289,7 +289,7 @@ def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) 
 
 
 def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
-    """Rows and columns of the part [side, side] of differences [H, W] that holds most of them."""
+    """Rows and columns of the part [side, side] with most of the differences [H, W]."""
     sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)
     total = np.pad(sums.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     high, wide = (min(side // _GRID, n) for n in sums.shape)
@@ -303,13 +303,13 @@ def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
 
 
 def steepness(light: NDArray[Any]) -> NDArray[Any]:
-    """About the slope of the scale of differences at some light."""
+    """The approximate slope of the scale of differences at some light."""
     magnitude = np.maximum(np.abs(light), 0.003)
     return np.asarray(magnitude ** np.where(magnitude < 1.0, 1 / 2.4 - 1, -1.0))
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
-    """Pixels [H, W] of blocks that choose parameters; the others measure."""
+    """Mask [H, W] of the blocks that choose parameters; the others measure."""
     rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
     return np.asarray(rows[:, None] == columns)
 
@@ -323,7 +323,7 @@ def sums_of_parts(values: NDArray[Any], side: int) -> NDArray[Any]:
 def summed_up(
     columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
 ) -> NDArray[Any]:
-    """The multiples of columns that sum up to an aim, by weighted least squares."""
+    """The factors of columns whose sum fits an aim, by weighted least squares."""
     design = np.stack([(column * weights).ravel() for column in columns])
     square, sums = design @ design.T, design @ (aim * weights).ravel()
     square[np.diag_indices(len(columns))] *= 1 + 1e-12
@@ -331,7 +331,7 @@ def summed_up(
 
 
 def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
-    """Correlation of two arrays, 0 if one is constant or empty."""
+    """The correlation of two arrays, 0 if one is constant or empty."""
     if not x.size:
         return 0.0
     x, y = x - x.mean(), y - y.mean()

@@ -13,11 +13,11 @@ from defocus_core.compare.findings.evidence import Evidence, Explanation, steepn
 from defocus_core.compare.findings.softness import keys
 
 _Scale = Callable[[NDArray[Any]], NDArray[Any]]
-_PEAKS = 3  # of each correlation that are tried
-_EXPLAINED = 0.02  # left of a difference, below which no further move is looked for
-_LEAST_PART = 0.02  # px of a move that is looked at
+_PEAKS = 3  # peaks of each correlation that are tried
+_EXPLAINED = 0.02  # residual below which no further move is searched
+_LEAST_PART = 0.02  # px of the largest move
 _CHOSEN, _STEPS = 1600, 8  # samples that choose a small move, and steps to it
-_AROUND = 1e-3  # px by which a move is changed for its slope
+_AROUND = 1e-3  # px, step of the finite differences of a move
 
 
 def other_file(evidence: Evidence) -> Iterator[Explanation]:
@@ -51,7 +51,7 @@ def flipped(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def cropped(evidence: Evidence) -> Iterator[Explanation]:
-    """B is 0 outside of a window, and as A within it."""
+    """B is 0 outside a window, and equals A within it."""
     kept = np.logical_or.reduce([evidence.pixels.plane("b", n) != 0 for n in evidence.names])
     if kept.all() or not kept.any():
         return
@@ -67,14 +67,14 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) by which B is most like A where most differs, the best first."""
+    """Shifts (dx, dy) with the best match of B and A where most differs, the best first."""
     a, b = (evidence.scaled(evidence.at(s, *evidence.frame)).mean(axis=0) for s in "ab")
     tried = dict.fromkeys([(0, 0), *chain.from_iterable(_peaks(a, b))])
     return sorted(tried, key=lambda offset: (_left_by(evidence, *offset), sum(map(abs, offset))))
 
 
 def _left_by(evidence: Evidence, dx: int, dy: int) -> float:
-    """What a shift by whole pixels leaves where A was within."""
+    """The residual of a shift by whole pixels, where A has pixels."""
     (rows, columns), (height, width) = evidence.places, evidence.size
     y, x = rows - dy, columns - dx
     within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
@@ -96,7 +96,7 @@ def _peaks(a: NDArray[Any], b: NDArray[Any]) -> Iterator[list[tuple[int, int]]]:
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by pixels and parts of one, and enlarged; what comes in may be anything."""
+    """B is A moved by pixels and fractions, and enlarged; new pixels may be anything."""
     dx, dy = _offsets(evidence)[0]
     least = _left_by(evidence, dx, dy)
     if (dx, dy) != (0, 0):
@@ -120,10 +120,10 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _fitted(evidence: Evidence, start: NDArray[Any], free: int) -> tuple[NDArray[Any], bool]:
-    """The move near another that makes B of A, and whether it explains some of it, or the other.
+    """The best move near a start, and whether it explains anything; else the start.
 
-    Of a move, so many numbers are free: how far down and how far right, in px, and how far out at
-    half of the longer side. It is found by Gauss-Newton steps (Lucas and Kanade, 1981).
+    `free`: the number of free parameters: px down, px right, and px outwards at half of the longer
+    side. The method is Gauss-Newton steps (Lucas and Kanade, 1981).
     """
     names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
     few = np.flatnonzero(evidence.fits)
@@ -131,7 +131,7 @@ def _fitted(evidence: Evidence, start: NDArray[Any], free: int) -> tuple[NDArray
     scale, _ = _interpolated(evidence)
     rows, columns = (places[few] for places in evidence.places)
     was, aim = (scale(evidence.at(side, rows, columns, names)) for side in "ab")
-    # Light counts as much as a screen shows of it.
+    # Light has the weight of its slope on a screen.
     slope = steepness(was) if scale == evidence.light else 1.0
     move = start.copy()
     for _ in range(_STEPS):
@@ -150,7 +150,7 @@ def _fitted(evidence: Evidence, start: NDArray[Any], free: int) -> tuple[NDArray
 
 
 def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
-    """The scale that values are interpolated on, and back: light of EXR, and else as stored."""
+    """The functions to the scale of interpolation and back: light for EXR, else stored values."""
     if evidence.gamma == 1.0 and evidence.pixels.color:
         return evidence.light, evidence.stored
     return evidence.scaled, evidence.unscaled
@@ -159,7 +159,7 @@ def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
 def _moved(
     evidence: Evidence, few: Any, move: NDArray[Any], names: Sequence[str]
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Which of some samples were within A, and A moved there."""
+    """The samples that lie within A, and the moved A at these."""
     inside, axes = np.bool_(True), []
     for places, length, by in zip(evidence.places, evidence.size, move[:2], strict=True):
         out = (places[few] - (length - 1) / 2) / (max(evidence.size) / 2)

@@ -1,7 +1,7 @@
-"""Where a difference lies that no cause explains.
+"""The place of a difference that no cause explains.
 
-A place is said if it tells something: much more of the squared difference lies there than of the
-pixels, by the relative entropy of both shares.
+A place is named if it holds a much larger share of the squared difference than of the pixels, by
+the relative entropy of both shares.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from defocus_core.errors import InputError
 _Places = Iterator[tuple[str, str, NDArray[np.bool_]]]  # name, words after it, and pixels
 _Cut = tuple[slice, slice]
 
-_LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
+_LOOKED_AT = 2**19  # pixels, above which only every n-th row and column are used
 _TELLS = 0.35  # least relative entropy of a place, in nats
 _MOST = 0.75  # least share of the difference
-_FEWEST = 12.0  # pixels that would hold the difference if each held as much
+_FEWEST = 12.0  # effective number of pixels that hold the difference
 _EDGE_REACH = 2  # px around a silhouette
-_BRIGHT, _BRIGHT_ON_SCREEN = 1.0, 0.9  # values as a screen shows them
+_BRIGHT, _BRIGHT_ON_SCREEN = 1.0, 0.9  # steps of a screen
 _STEEPEST = 0.9  # quantile of the gradient beyond which there is an edge
 _JUMP = 0.05  # of the range of inverse depth
 _BORDERS = (1, 2, 4, 8, 16)  # px
@@ -41,9 +41,9 @@ _DEPTHS = ("Z", "depth.Z", "depth")  # channels
 def place_of(
     evidence: Evidence,
     files: tuple[DecodedPicture, DecodedPicture],
-    corner: tuple[int, int],  # column and row of the first pixel that is compared
+    corner: tuple[int, int],  # column and row of the first compared pixel
 ) -> Finding | None:
-    """The place that tells most of where the difference lies; None if none tells enough."""
+    """The most informative place of the difference; None if none is informative enough."""
     every = max(1, math.ceil(math.sqrt(math.prod(evidence.size) / _LOOKED_AT)))
     cut = (slice(None, None, every), slice(None, None, every))
     a, b = (evidence.scaled(evidence.at(side, *cut)) for side in "ab")
@@ -91,7 +91,7 @@ def coc_map(file: DecodedPicture) -> NDArray[Any] | None:
 def _by_scene(
     files: tuple[DecodedPicture, DecodedPicture], within: tuple[slice, ...], cut: _Cut
 ) -> _Places:
-    """Where the radius or the depth jumps."""
+    """Places at jumps of the radius or the depth."""
     size, reaches = (files[0].height, files[0].width), [_EDGE_REACH]
     radii = [radius for radius in map(coc_map, files) if radius is not None]
     depths = [f.planes[n] for f in files for n in _DEPTHS if n in f.planes]
@@ -109,16 +109,16 @@ def _by_scene(
 
 
 def _by_light(evidence: Evidence, a: NDArray[Any]) -> _Places:
-    """Where A is steep, whatever the depth is; where its brightest channel is bright."""
+    """Places at steep edges of A, and at bright pixels."""
     if evidence.pixels.color:
         steep = np.hypot(*np.gradient(a.mean(axis=0)))
         yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1)
         bright = _BRIGHT if evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
-        yield "in highlights", "", a.max(axis=0) > bright  # what is new is no light of A
+        yield "in highlights", "", a.max(axis=0) > bright  # new light does not belong to A
 
 
 def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
-    """The border, and the rectangle that holds most of the power of what chooses it."""
+    """Places at the border, and the rectangle with most of the power."""
     size, step = evidence.size, cut[0].step
     for wide in _BORDERS:
         outer = np.ones(size, bool)

@@ -1,7 +1,7 @@
-"""Causes that make a picture softer or sharper: filters, a smaller size, a blur of each part's own.
+"""Causes that make a picture softer or sharper: filters, a smaller size, local blurs.
 
-A filter is found by its response to the frequencies of A. All are applied to the mean light of the
-channels in the frame, and measured there.
+A filter is found by its frequency response. All filters are applied to, and measured in, the mean
+light of the channels in the frame.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from defocus_core.compare.findings.evidence import (
     sums_of_parts,
 )
 
-_LEAST, _MARGIN = 28, 8  # px of a side that is looked at, and of its border that is left out
-_FEW = 24  # each how many-th frequency is looked at
+_LEAST, _MARGIN = 28, 8  # px on a side of the analysed part, and of its border that is ignored
+_FEW = 24  # step of the analysed frequencies
 _RADII, _PIXELS = np.geomspace(0.35, 16, 80), np.geomspace(1.015, 6, 80)  # px
-_OFF, _PROBE, _KEPT = 0.06, 64, 4  # share by which a size is looked for; px that find it; kept
-_NEAR = 0.8  # share left of few frequencies, beyond which a size is not looked for
-_WIDTHS, _PARTS = (1.2, 2.4, 4.8, 9.6), (16, 32)  # px of gaussians of parts, and of their sides
-_BLOCKS = (2, 4, 8)  # px of a side of pixels that were repeated
+_OFF, _PROBE, _KEPT = 0.06, 64, 4  # step of the search for a size; its px; candidates kept
+_NEAR = 0.8  # residual at few frequencies, above which a size is not searched
+_WIDTHS, _PARTS = (1.2, 2.4, 4.8, 9.6), (16, 32)  # px of gaussians of parts; px on a side of parts
+_BLOCKS = (2, 4, 8)  # px on a side of repeated pixels
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _OF_LIGHT = 0.3  # least share of the power of a difference that channels share
-_ONE_WAY = 0.85  # share of a difference where detail is lost that makes a picture softer
+_ONE_WAY = 0.85  # share of a difference at lost detail, above which a picture is softer
 _SIMPLER = ("softer", "sharper", "lower resolution", "shifted", "scaled")
-_Kernel = Callable[[Any], Any]  # weights by distances in its size
+_Kernel = Callable[[Any], Any]  # weights by distances, in units of its size
 
 
 def _disc(t: Any) -> Any:
@@ -82,7 +82,7 @@ def _transform(kernel: _Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
 
 @dataclass(frozen=True)
 class _Filter:
-    """A filter of any size: a kernel along radii, or those that reduce and enlarge along sides."""
+    """A filter of any size: a radial kernel, or separable ones that reduce and enlarge."""
 
     how: str
     kernels: tuple[_Kernel, ...]
@@ -92,7 +92,7 @@ class _Filter:
         return len(self.kernels) == 2
 
     def response(self, rows: NDArray[Any], columns: NDArray[Any], size: float) -> NDArray[Any]:
-        """To frequencies in cycles a pixel."""
+        """The response at frequencies in cycles per pixel."""
         ways = (np.abs(rows), np.abs(columns)) if self.resizes else (np.hypot(rows, columns),)
         total: Any = 1.0
         for way, kernel in product(ways, self.kernels):
@@ -120,11 +120,11 @@ class _Frame:
 
     @cached_property
     def chooses(self) -> NDArray[np.bool_]:
-        """Pixels [h, w] that choose parameters; the others measure."""
+        """Mask [h, w] of pixels that choose parameters; the others measure."""
         return blocks_in_turn(self.evidence.framed[0].shape, 4)
 
     def left(self, predicted: NDArray[Any]) -> float:
-        """What is left where it is measured if B were as predicted."""
+        """The residual of a prediction of B at the measuring pixels."""
         light = predicted if self.evidence.gamma == 1.0 else predicted.clip(0.0, 1.0)
         measures = ~self.chooses
         for rim in (slice(_MARGIN), slice(-_MARGIN, None)):
@@ -133,13 +133,13 @@ class _Frame:
 
     @cached_property
     def frequencies(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Of rows and columns, in cycles a pixel."""
+        """Frequencies of rows and columns, in cycles per pixel."""
         height, width = self.evidence.framed[0].shape
         return np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
 
     @cached_property
     def few(self) -> tuple[tuple[NDArray[Any], NDArray[Any]], tuple[NDArray[Any], ...]]:
-        """Some frequencies, and of these the powers of A and B, and what they share."""
+        """Some frequencies, with the powers of A and B and their cross power."""
         sides = self.evidence.framed
         window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in sides[0].shape)))
         a, b = (np.fft.rfft2((side - side.mean()) * window) for side in sides)
@@ -156,14 +156,14 @@ class _Frame:
         return a, b
 
     def through(self, side: int, row: _Filter, size: float) -> NDArray[Any]:
-        """A or B through a filter, around at the borders."""
+        """A or B after a filter, periodic at the borders."""
         response = row.response(*self.frequencies, size)
         shape = self.evidence.framed[0].shape
         return np.asarray(np.fft.irfft2(self.transformed[side] * response, s=shape))
 
 
 def softened(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A through a filter, A is B through one, or parts of them are; or it has more detail."""
+    """B is a filtered A, or A a filtered B, also in parts; or B has more detail."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
     if min(evidence.framed[0].shape) >= _LEAST and alike_by >= _OF_LIGHT * np.square(b - a).sum():
@@ -175,7 +175,7 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _fitted(frame: _Frame, row: _Filter, sizes: NDArray[Any], side: int = 0) -> tuple[float, float]:
-    """The size of a filter by which the one side is most like the other, and what is left so."""
+    """The size of a filter with the best match of the filtered side, and the residual."""
     few, (*powers, common) = frame.few
     every = float((powers[0] + powers[1] - 2 * common).sum())
     for _ in range(2):
@@ -188,7 +188,7 @@ def _fitted(frame: _Frame, row: _Filter, sizes: NDArray[Any], side: int = 0) -> 
 
 
 def _filtered(frame: _Frame) -> Iterator[Explanation]:
-    """B is A through one filter for all places, or A is B through one."""
+    """B is A after one filter everywhere, or the reverse."""
     for row, side in product(_FILTERS[:2], (0, 1)):
         size, _ = _fitted(frame, row, _RADII, side)
         through = frame.through(side, row, size)
@@ -198,7 +198,7 @@ def _filtered(frame: _Frame) -> Iterator[Explanation]:
 
 
 def _resized(frame: _Frame) -> Iterator[Explanation]:
-    """B is A at another size, enlarged again, or blocks of it are one pixel or the mean of A."""
+    """B is A reduced and enlarged again, or has blocks with one pixel or the mean of A."""
     (height, width), (a, b) = frame.evidence.size, frame.evidence.framed
     made: list[tuple[float, str, NDArray[Any]]] = []
     found = [(*_fitted(frame, row, _PIXELS), row) for row in _FILTERS if row.resizes]
@@ -232,7 +232,7 @@ def _resized(frame: _Frame) -> Iterator[Explanation]:
 def _through_size(
     frame: _Frame, size: tuple[int, int], row: _Filter, part: tuple[slice, ...]
 ) -> NDArray[Any]:
-    """A part of the frame of A at another size (rows, columns), enlarged again."""
+    """A part of the frame of A, reduced to (rows, columns) and enlarged again."""
     made, (down, up) = frame.evidence.framed[0], row.kernels
     for cut, full, small, each in zip(
         frame.evidence.frame, frame.evidence.size, size, part, strict=True
@@ -250,7 +250,7 @@ def _through_size(
 
 
 def _denoised(frame: _Frame) -> Iterator[Explanation]:
-    """B is A with medians, or with means of neighbours that are alike."""
+    """B is A with medians, or with means of similar neighbours."""
     a, b = (frame.evidence.scaled_light(side).astype("f4") for side in frame.evidence.framed)
     (height, width), padded = a.shape, np.pad(a, 2, mode="edge")
     beside = np.stack([padded[y : height + y, x : width + x] for y, x in np.ndindex(5, 5)])
@@ -269,9 +269,9 @@ def _denoised(frame: _Frame) -> Iterator[Explanation]:
 
 
 def _filtered_in_parts(frame: _Frame) -> Explanation:
-    """In each part of the frame B is A blurred, or A is B blurred, by as much as it takes.
+    """B is A blurred, or A is B blurred, by a different amount in each part of the frame.
 
-    A part has its own sum of gaussians, by least squares at the pixels that choose.
+    Each part has a sum of gaussians, by least squares at the choosing pixels.
     """
     a, b = frame.evidence.framed
     slope = np.where(frame.evidence.clipped_near, 0.0, steepness(np.maximum(*map(np.abs, (a, b)))))

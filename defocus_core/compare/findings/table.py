@@ -1,8 +1,7 @@
-"""Findings: a row for each model of a cause, and the places of what no cause explains.
+"""Findings: a row for each model of a cause, and the places of unexplained differences.
 
-A row says which findings its model makes, and what is evidence for each, as `defocus help compare`
-has it. Rows stand in the order in which they are tried, the simpler ones first. Names of rules,
-help and tests are made of these rows.
+A row has the findings of a model, with their evidence, as in `defocus help compare`. Rows are tried
+in order, simpler ones first. Names of rules, help and tests come from these rows.
 """
 
 from __future__ import annotations
@@ -14,17 +13,17 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Cause:
-    """What may have happened to B, and the evidence for it.
+    """A possible cause of a difference, and its evidence.
 
     Attributes:
         name: the fixed words of the finding.
-        words: what is evidence for it.
+        words: its evidence.
         model: module of this folder and function that fits it to a pair, in one way or several.
-        beyond: names of simpler causes that the model can make, too: it is named in the place of
-            one of these where it leaves at most half as much, and is no rival to it.
-        left: largest share of a difference that it may leave, if it is to be named.
-        light: whether it is one of colour alone.
-        looks: whether it is looked for where no other row is named.
+        beyond: names of simpler causes that the model includes: it replaces one of these if its
+            residual is at most half, and is not its rival.
+        left: largest residual, as a share of the difference, at which it is named.
+        light: whether it applies to colour alone.
+        looks: whether it is tried if no other row is named.
     """
 
     name: str
@@ -97,7 +96,7 @@ CAUSES = (
     Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.6),
     Cause("another CoC", _COC, "softness.softened", left=0.6),
     Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.5),
-    # Known by how a difference looks.
+    # Known by the looks of a difference.
     Cause(
         "compressed with losses",
         "blocks of 8 px, or the header",
@@ -110,7 +109,7 @@ CAUSES = (
     ),
     Cause("noise", "added, or in another pattern", "traces.noise", looks=True),
 )
-# What no model is fitted to.
+# Findings without a model.
 STRUCTURE = {
     "NaN": "on one side only",
     "Inf": "on one side only",
@@ -135,14 +134,14 @@ FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like foun
 
 @dataclass(frozen=True)
 class Finding:
-    """What happened to B, as far as the pixels show.
+    """A finding on the cause of a difference.
 
     Attributes:
         name: the cause in fixed words, like ``shifted`` or ``clipped at 1``.
-        text: the cause with its numbers, as a person reads it.
+        text: the cause with its numbers, for people.
         values: the numbers, for programs.
-        explained: share of the RMSE that the cause explains, 1 if it explains all; None where
-            there is no such share.
+        explained: share of the RMSE that the cause explains, 1 for all; None if it has no such
+            share.
     """
 
     name: str
@@ -163,5 +162,5 @@ def kind_of(name: str) -> str:
 
 
 def is_place(name: str) -> bool:
-    """Whether a finding says where a difference is, and no cause."""
+    """Whether a finding is a place, and not a cause."""
     return name in PLACES

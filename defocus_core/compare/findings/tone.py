@@ -1,6 +1,6 @@
 """Causes that change values in place: exposure, curves, colours, clipping, quantisation, layers.
 
-Most are sums of terms of A, found by weighted least squares: of light, or of what a screen shows.
+Most are sums of terms of A, by weighted least squares, in light or in sRGB values.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ _Curve = Callable[[Any], Any]
 _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
 _BITS = range(3, 13)
 _KNOTS = 40  # of a tone curve
-_NEAR = 0.02  # greatest difference of a matrix from that of known primaries
+_NEAR = 0.02  # greatest difference from a matrix of known primaries
 _SAME = 2e-3  # greatest relative difference from the limit of what was clipped
 _CUT = 0.95  # least share of the pixels beyond the limit that are at it
-_BELOW = 0.97  # of the limit, beyond which there are values that were not cut off
-_MORE = 1.05  # what was cut off is brighter than the limit by this
-_SEVERAL = 3  # values that were cut off, at least
+_BELOW = 0.97  # factor of the limit, beyond which values were not cut off
+_MORE = 1.05  # factor by which cut-off values exceed the limit
+_SEVERAL = 3  # least number of cut-off values
 _MOST_IDS = 2000
 _ONE = 1.001  # greatest number of values that are normalised
 
 
 def clipped_light(pixels: Pixels) -> list[Finding]:
-    """The limit that the light of B was clipped at, if it was; looked for in every pair."""
+    """The limit at which the light of B was clipped, if it was; checked in every pair."""
     for layer in pixels.color:
         high, limit = (max(_high(pixels, side, name) for name in layer) for side in "ab")
         if not (math.isfinite(high) and high > _MORE * limit > 0):
@@ -53,7 +53,7 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
             for side in planes
         )
         cut = np.abs(new - limit) <= _SAME * limit
-        # Coarse levels have none just below their highest.
+        # Coarse levels have no value just below their highest.
         below = any(((b > _BELOW * limit) & (b < (1 - _SAME) * limit)).any() for b in planes[1])
         several = below and np.count_nonzero(cut & (old < 0.98 * high)) >= _SEVERAL
         if cut.size and cut.mean() >= _CUT and (several or abs(limit - 1.0) <= _SAME):
@@ -63,7 +63,7 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
 
 
 def may_be_cut_below(pixels: Pixels) -> bool:
-    """Whether numbers of A below 0 are no longer there in B."""
+    """Whether B lacks the negative numbers of A."""
     ends = [(pixels.ranges[0][name][0], pixels.ranges[1][name][0]) for name in pixels.names]
     return any(old < new <= 0 or math.isnan(old + new) for old, new in ends)
 
@@ -74,7 +74,7 @@ def _high(pixels: Pixels, side: str, name: str) -> float:
 
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
-    """Channels of several values in A that are 0 everywhere in B; looked for in every pair."""
+    """Channels with several values in A that are 0 everywhere in B; checked in every pair."""
     zero, (old, new) = (0.0, 0.0), pixels.ranges
     lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:
@@ -93,7 +93,7 @@ def empty(evidence: Evidence) -> Iterator[Explanation]:
         return
     were = [evidence.pixels.plane("a", name)[cut] for name in evidence.names]
     if all((value == value[0, 0]).all() for value in were) and any(v.any() for v in values):
-        return  # A has nothing there that B could lack
+        return  # A has no content there that B could lack
     firsts = zip(evidence.names, values, strict=True)
     level = ", ".join(f"{name} {float(value[0, 0]):g}" for name, value in firsts)
     where = f"within {right - left}x{bottom - top} at {left},{top}"
@@ -193,7 +193,7 @@ def exchanged(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
-    """Each number of A is another one of the same numbers, as those that name objects."""
+    """Numbers of A are permuted in B, like ids of objects."""
     if evidence.pixels.color or len(evidence.names) > 1:
         return
     (old,), (new,) = evidence.sampled
@@ -209,7 +209,7 @@ def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def radial(evidence: Evidence) -> Iterator[Explanation]:
-    """Distances along rays in the place of those along the axis, or the reverse."""
+    """Depth along rays instead of along the axis, or the reverse."""
     if evidence.pixels.color or len(evidence.names) != 1:
         return
     (height, width), (rows, columns) = evidence.size, evidence.places
@@ -254,13 +254,13 @@ def _as_power(constant: float, power: float) -> str:
 
 @dataclass(frozen=True)
 class _Scale:
-    """A and B [C, N] on a scale where B is a multiple of A, a constant, or both.
+    """A and B [C, N] on a scale where B = a A + b.
 
     Attributes:
-        models: of multiples ``A`` and constants ``1``, ``s`` for those of each channel; a constant
-            alone is added to A itself.
-        weights: 0 where a sample chooses nothing.
-        back: to the values of the file.
+        models: terms of factors ``A`` and constants ``1``, with ``s`` for one per channel; a
+            constant alone is added to A itself.
+        weights: 0 for samples that are ignored.
+        back: function to the values of the file.
         of: words for the scale.
     """
 
@@ -281,7 +281,7 @@ class _Scale:
         for cut in [slice(k, k + 1) for k in range(count)] if each else [slice(None)]:
             solved = summed_up([c[cut] for c in columns], aim[cut], self.weights[cut])
             numbers[cut, ["1A".index(term) for term in terms]] = solved
-        # Of a value at a bound of the file, what is beyond is not known.
+        # A value at the limit of the number type may have been clipped.
         total = numbers[:, :1] + numbers[:, 1:] * self.old
         left = evidence.left(self.back(total), evidence.steady)
         constants, factors = numbers.T.tolist()
@@ -297,7 +297,7 @@ class _Scale:
 
 
 def summed(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a multiple of A, a constant more, or both, on some scale; or encoded once more."""
+    """B = a A + b on some scale; or B is encoded once more."""
     for scale in _scales(evidence):
         for terms in scale.models:
             if len(evidence.names) > 1 or terms[-1] != "s":
@@ -308,7 +308,7 @@ def summed(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _scales(evidence: Evidence) -> Iterator[_Scale]:
-    """Scales on which B may be a multiple of A."""
+    """The scales on which B may be a A + b."""
     stored, color = evidence.sampled, evidence.pixels.color
     low, high = _range(evidence, "b")
     is_wider = high <= _ONE < _range(evidence, "a")[1]
@@ -357,14 +357,14 @@ def _unit(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """The light of R, G and B of the only layer, or what a screen shows, mixed by a matrix."""
+    """R, G and B of the only layer, in light or in sRGB values, mixed by a matrix."""
     found = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if len(found) != 1 or not set(evidence.names) <= set(found[0]):
         return
     (layer,) = found
     kept = [layer.index(name) for name in evidence.names]
     stored = [evidence.at(side, *evidence.places, layer) for side in ("a", "b")]
-    dark = float(stored[1].min()) >= 0.0  # what would be negative may have become 0
+    dark = float(stored[1].min()) >= 0.0  # negative results may have become 0
     chosen = np.sqrt(evidence.weights) * (evidence.fits & evidence.steady.all(axis=0))
     if dark:
         chosen = chosen * (stored[1] > 0.0).all(axis=0)
@@ -391,7 +391,7 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
-    """Words for a matrix that makes light of light."""
+    """Words for a matrix of linear light."""
     if np.ptp(matrix, axis=0).max() < _NEAR:
         shares = zip("RGB", matrix.mean(axis=0), strict=True)
         return "monochrome, " + " ".join(f"{s:+.2f} {n}" for n, s in shares).lstrip("+")
@@ -417,7 +417,7 @@ def curve(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:
-    """The curve of the samples that are used at all of them; None if it falls somewhere."""
+    """The curve fitted to used samples, at all samples; None if it is not monotonic."""
     x, y = old[used], new[used]
     if x.size < 4 * _KNOTS:
         return None

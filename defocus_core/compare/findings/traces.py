@@ -1,4 +1,4 @@
-"""Causes that are known by where a difference lies or how it looks: few pixels, seams, codecs."""
+"""Causes known by the place or looks of a difference: few pixels, seams, codecs."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from defocus_core.compare.findings.evidence import (
 from defocus_core.system.text import counted
 
 _LEAST_TILE = 8  # px
-_TILES = (32, 64, 128, 256, 512)  # px of a side
-_FEW, _SPARK = 1e-3, 0.1  # share of the pixels that fireflies are at most; their least difference
-_EXACT = 0.95  # least share that gains of tiles explain: those of an object are nearly of tiles
-_FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
-_SEGMENT = 16  # px along a line that are taken together, so that noise averages out
-_STANDS_OUT = 0.03  # of the power of the strongest line
-_ON_GRID = 0.82  # greatest share left of what blocks in other places leave
-_DCT = 8  # px of the blocks of JPEG and of DWAA
+_TILES = (32, 64, 128, 256, 512)  # px on a side of tiles
+_FEW, _SPARK = 1e-3, 0.1  # greatest share of pixels that are fireflies; their least difference
+_EXACT = 0.95  # least share explained by gains of tiles, as those of an object resemble them
+_FEW_TILES = 0.1  # share of the tiles with a difference in one place
+_SEGMENT = 16  # px along a line that are averaged against noise
+_STANDS_OUT = 0.03  # least power of a line, by that of the strongest
+_ON_GRID = 0.82  # greatest residual by that of blocks in other places
+_DCT = 8  # px on a side of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
 _MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
-_WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
+_WITHOUT_MEAN = 0.3  # greatest mean of noise, by its RMS
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
-_SHARED = 0.15  # least power of what the channels of noise share, by that of each
-_UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
-_TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
+_SHARED = 0.15  # least power common to the channels of noise, by that of each
+_UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise at a distance of one pixel
+_TIED = 0.35  # least correlation of a difference with the detail of one side
 
 
 def sparks(evidence: Evidence) -> Iterator[Explanation]:
-    """A few pixels apart from each other hold the difference."""
+    """The difference lies in a few isolated pixels."""
     size = np.abs(evidence.difference)
     sparks = size > max(_SPARK, 0.1 * float(size.max()))
     number = int(np.count_nonzero(sparks))
@@ -52,7 +52,7 @@ def sparks(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:
-    """The difference lies on lines that are the side of a tile apart, or tiles have gains."""
+    """The difference lies on lines at the distance of tiles, or tiles have gains."""
     yield from _gains_of_tiles(evidence)
     difference = evidence.difference
     lines = [_lines(difference), _lines(difference.T)]  # columns and rows
@@ -74,7 +74,7 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
-    """Columns whose difference exceeds that of most, by more than noise, and no two beside them."""
+    """Isolated columns whose difference exceeds that of most by more than noise."""
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
     power = np.maximum(power - 2.5 * np.median(power), 0)
@@ -82,12 +82,12 @@ def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
-    """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
+    """Each tile is A times its own gain; a common gain, and a shifted grid, explain less."""
     a, b = (evidence.scaled_light(side).astype("f8") for side in evidence.framed)
     turn = blocks_in_turn(a.shape, 4)
 
     def left(side: int, offset: int) -> float:
-        """What gains leave."""
+        """The residual of gains."""
         rows, columns = (
             (np.arange(cut.start, cut.stop) + offset) // side - (cut.start + offset) // side
             for cut in evidence.frame
@@ -109,7 +109,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def compressed(evidence: Evidence) -> Iterator[Explanation]:
-    """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
+    """Frequencies of B in blocks of 8 px are those of A, rounded (ITU-T T.81) or 0 if small."""
     rows, columns = evidence.frame
     sides = [evidence.scaled(evidence.at(side, rows, columns)).astype("f8") for side in "ab"]
     weights = np.array(_Y if len(sides[0]) == 3 else [1 / len(sides[0])] * len(sides[0]))
@@ -118,7 +118,7 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
     if min(change.shape) < 6 * _DCT:
         return
     power = float(np.square(change).sum())
-    # A codec keeps the means of blocks, of colour, too.
+    # A codec keeps the means of blocks, also of colour.
     tint = [sums_of_parts(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
     tinted = float(np.square(tint).sum()) / max(len(tint) * power, 1e-300)
     means = float(np.square(sums_of_parts(change, _DCT) / _DCT).sum())
@@ -140,7 +140,7 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _left_of_rounding(*sides: NDArray[Any]) -> float:
-    """Share of the power that steps of each frequency of the blocks of A leave."""
+    """The residual of quantising each frequency of blocks of A, as a share of the power."""
     a, b = map(_frequencies, sides)
     turn = np.arange(len(a)) % 2 == 0
     steps = np.geomspace(0.25 / 255, 1.5, 60)[:, None, None]
@@ -162,7 +162,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
-    """The difference has no mean, and neighbours in it have nothing in common."""
+    """The difference has mean 0 and is uncorrelated between neighbours."""
     difference = evidence.difference[evidence.frame].astype("f8")
     power = float(np.square(difference).mean())
     few = np.count_nonzero(difference) < _MIN_CHANGED * difference.size
@@ -178,7 +178,7 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
     details = (side[1:-1, 1:-1] - _means_of_nine(side) for side in grey)
     of_a, of_b = (alike(difference[1:-1, 1:-1], detail) for detail in details)
     if shared > _UNLIKE_NEIGHBOURS or (of_a < -_TIED and of_b < _TIED):
-        return  # detail of A that is lost: softer
+        return  # lost detail of A: softer
     how = ", in another pattern" if abs(of_a + of_b) < 0.1 < of_b else ""
     planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
     level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
