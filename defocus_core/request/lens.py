@@ -22,9 +22,9 @@ class Draw:
     index: int  # number of the draw
 
 
-@dataclass(frozen=True, slots=True)  # slots: a batch has a million lenses
+@dataclass(frozen=True, init=False)
 class LensValues:
-    """A thin lens, lengths in mm.
+    """A thin lens, lengths in mm; it holds only what differs from a default, as jobs are many.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
     the depth; `picture.focus` finds the distance. If a file holds radii instead of depth, only the
@@ -64,10 +64,13 @@ class LensValues:
     # place of the option of the focus, for errors
     focus_source: Place = field(default=CALLER, compare=False)
 
-    def __post_init__(self) -> None:
+    def __init__(self, foclen: float, fnum: float, foc_dist: float | None, **others: Any) -> None:
         """Read the sharp range as numbers of the file, beside a blur in pixels."""
-        if self.blur is not None and self.sharp_range is not None:
-            object.__setattr__(self, "sharp_range", Unitless(self.sharp_range))
+        if others.get("blur") is not None and others.get("sharp_range") is not None:
+            others["sharp_range"] = Unitless(others["sharp_range"])
+        for name, value in {"foclen": foclen, "fnum": fnum, "foc_dist": foc_dist, **others}.items():
+            if value is not DEFAULTS[name]:
+                object.__setattr__(self, name, value)
 
     @property
     def effects(self) -> dict[str, Any]:
