@@ -92,7 +92,7 @@ class Place:
     table: str = ""
     field: str = ""
 
-    def at(self, field: str) -> Place:
+    def with_field(self, field: str) -> Place:
         """The place of a key of the same file, table or line."""
         return Place(self.path, self.table, field)
 

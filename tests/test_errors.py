@@ -90,7 +90,7 @@ def test_options_are_named_in_quotes_and_on_the_command_line_with_dashes():
 @pytest.mark.parametrize(
     ("place", "path", "field", "text"),
     [
-        (CALLER.at("focus"), None, "focus", "‹focus›"),
+        (CALLER.with_field("focus"), None, "focus", "‹focus›"),
         (Place("a.toml", "[lens]", "focus"), "a.toml", "focus", "a.toml: [lens] focus"),
         (Place("a.csv", "line 3", "focus"), "a.csv", "focus", "a.csv: line 3: focus"),
         (Place("a.csv", "line 3"), "a.csv", "line 3", "a.csv: line 3"),

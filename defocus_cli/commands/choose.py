@@ -66,7 +66,7 @@ def command(
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
     one, reading = with_blur_and_focus(lenses, pictures, reading, typed, whole_subject=False)
-    lens, _ = one.of(pictures[0])
+    lens, _ = one.lens_of(pictures[0])
     with tile_bar("picture") as progress:
         write_choice(pictures[0], lens, reading, out, machine, progress)
     console.stdout(f"{out}: a page to choose on, for a browser")

@@ -59,7 +59,7 @@ def command(
     console.stdout(*(() if as_json else map(shot_line, shots)))
     lens = None
     if lenses is not None and files:
-        lens = lenses.of(PictureFiles(files[0].stem, files[0], files[0]))[0]
+        lens = lenses.lens_of(PictureFiles(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
     failures = console.Failures()
     records: list[dict[str, Any]] = []

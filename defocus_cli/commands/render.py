@@ -103,7 +103,9 @@ def command(
         from defocus_core.request.shots import with_shot
 
         moving = lenses.moves_focus
-        jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
+        jobs = with_shot(
+            jobs, every, lambda p, _: lenses.lens_of(p)[0], shot.together, moving=moving
+        )
     jobs = of_views(jobs)
     if outputs.file and (len(jobs) > 1 or shot.contact is not None):
         problem = "is one file, which does not hold several pictures"
@@ -139,9 +141,11 @@ def _with_lenses(
     """Each picture and its lens; reports options from metadata where they change."""
     said: object = None
     for picture in pictures:
-        lens, taken = lenses.of(picture)
-        if verbose and taken and taken != said:
-            words = ", ".join(f"{n} {each.text} ({each.place.field})" for n, each in taken.items())
+        lens, metadata = lenses.lens_of(picture)
+        if verbose and metadata and metadata != said:
+            words = ", ".join(
+                f"{n} {each.text} ({each.place.field})" for n, each in metadata.items()
+            )
             console.stderr(f"{picture.color}: {words}")
-            said = taken
+            said = metadata
         yield picture, lens

@@ -81,7 +81,7 @@ def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer
         if value is not None and (value is not False or row.toggle):
             text = " ".join(value) if isinstance(value, tuple) else str(value)
             text = {True: "on", False: "off"}[value] if row.toggle else text
-            layer[name] = parsed(name, text, CALLER.at(name))
+            layer[name] = parsed(name, text, CALLER.with_field(name))
     refuse_contradiction(layer)
     return layer
 
@@ -155,7 +155,7 @@ def shot_options(command: Command) -> Command:
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
         frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
-        return ShotOptions(choice_of(frames, CALLER.at), together, contact)
+        return ShotOptions(choice_of(frames, CALLER.with_field), together, contact)
 
     return bundle("shot", make, [*map(param_option, rows), contact_option])(command)
 

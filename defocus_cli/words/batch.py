@@ -52,18 +52,18 @@ def job_line(job: Job) -> str:
 
 def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> dict[str, Any]:
     """The outcome of a job, for JSON: its plan, and the fields of its record."""
-    end, taken = record.end, record.taken
-    told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
+    end, completed = record.end, record.completed
+    told = {name: getattr(completed, name, None) for name in _OF_PICTURES}
     return {
         **job_record(job),
         **{"status": end.status, "reason": end.reason, "message": end.message},
         **{"warnings": list(end.warnings), "quality": record.quality},
         **told,
-        "lens": lens_record(job.lens) if taken is None else taken.lens,
+        "lens": lens_record(job.lens) if completed is None else completed.lens,
         "done_before": done_before,
         "render_seconds": end.seconds.get("render"),
         "render_cpu_seconds": end.seconds.get("cpu"),
-        "stats": {} if taken is None else dict(taken.stats),
+        "stats": {} if completed is None else dict(completed.stats),
     }
 
 
@@ -154,16 +154,16 @@ class BatchReport(Listener):
         """Report the outcome of a job."""
         if self._keep:
             self.records[job.sample_id] = outcome_record(job, record)
-        if self._raises and record.taken is None:
+        if self._raises and record.completed is None:
             return  # its error ends the command
         lines = list(outcome_lines(job, record, verbose=self._verbose))
-        if record.taken is None and not self._verbose:
+        if record.completed is None and not self._verbose:
             kind = kind_of(record.end.message)
             self._kinds[kind] += 1
             if self._kinds[kind] > _ALIKE:
                 more = "further ones are counted at the end, and listed by 'defocus status'"
                 lines = [more] if self._kinds[kind] == _ALIKE + 1 else []
-        for line in lines if self._each or record.taken is None else ():
+        for line in lines if self._each or record.completed is None else ():
             console.stderr(line)
         if self._bar is not None:
             with spoken():

@@ -284,7 +284,7 @@ def compare_images(
             "unknown-name", f"'{like}' is not known", f"name {', '.join(PRESETS)}", field="like"
         )
     given = _rules("fail", fail), _rules("warn", warn), over
-    rules = read_thresholds(None, *given, Rules() if like is None else PRESETS[like]).of("")
+    rules = read_thresholds(None, *given, Rules() if like is None else PRESETS[like]).rules_of("")
     settings = CompareSettings(
         region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),

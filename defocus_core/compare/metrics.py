@@ -187,13 +187,13 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
         for name, *sides in zip(pixels.names, pixels.a, pixels.b, strict=True):
             scaled = name in colors and pixels.gamma == 1.0
             a, b = (unclipped(s[rows]) if scaled else np.asarray(s[rows], "f4") for s in sides)
-            difference = _apart(a, b, out)
+            difference = _difference(a, b, out)
             squares += float(np.square(difference).sum(dtype=np.float64))
             np.maximum(greatest[rows], np.abs(difference, out=difference), out=greatest[rows])
             if shown and name in colors:
                 if pixels.gamma not in (None, 1.0):
                     a, b = (encoded(side, pixels.gamma) for side in (a, b))
-                difference = _apart(np.clip(a, 0, 1), np.clip(b, 0, 1), out)
+                difference = _difference(np.clip(a, 0, 1), np.clip(b, 0, 1), out)
                 of_screen[name] += float(np.square(difference).sum(dtype=np.float64))
     metrics = {
         "hdr-max": float(greatest.max()),
@@ -206,7 +206,7 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
     return metrics
 
 
-def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> NDArray[Any]:
+def _difference(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> NDArray[Any]:
     """B − A, 0 in pixels that are left out."""
     difference: NDArray[Any] = b - a
     if out is not None:

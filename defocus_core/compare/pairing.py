@@ -226,10 +226,10 @@ def read_recipes(folder: Path) -> dict[str, Recipe]:
                 *(record.settings, record.version, record.renderer),
                 {role: stamp.blake2b for role, stamp in record.inputs.items()},
                 {kind: stamp.path for kind, stamp in record.outputs.items()},
-                record.taken.back,
+                record.completed.back,
             )
             for record in Ledger(folder).records()
-            if record.taken is not None
+            if record.completed is not None
         }
     names = [name for name in Folder(folder).names() if name.endswith(RECIPE)]
     return {name.removesuffix(RECIPE): _read_recipe(folder, name) for name in names}

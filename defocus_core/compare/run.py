@@ -96,7 +96,7 @@ class Task:
         """Compare a pair, and write its difference images if it differs and they are wanted."""
         pair, sought = piece
         settings = replace(self.settings, diagnose=self.settings.diagnose and sought)
-        record, pixels = compare_pair(pair, self.thresholds.of(pair.name), settings)
+        record, pixels = compare_pair(pair, self.thresholds.rules_of(pair.name), settings)
         if self.images is not None and pixels is not None and record.differing:
             return replace(record, images=write_differences(self.images, record, pixels))
         if self.images is not None and pixels is None and record.status == DIFFERENT:

@@ -167,7 +167,7 @@ class Thresholds:
     # changes by the command line, which win over all
     flags: Mapping[str, Any] = field(default_factory=dict)
 
-    def of(self, name: str) -> Rules:
+    def rules_of(self, name: str) -> Rules:
         """The rules for a picture."""
         rules = self.general
         for pattern, changes in self.overrides:

@@ -75,8 +75,10 @@ def averages(
         inner.append(sizes[dim].narrow(dim, 1, band.shape[dim] - 3))  # steps between two others
     if not long:
         return counts
-    radii = _around(band, dict(zip(long, ranges, strict=True)), rows, _BESIDE, 2 * _BESIDE + 1)
-    steps = _around(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
+    radii = _neighbouring_radii(
+        band, dict(zip(long, ranges, strict=True)), rows, _BESIDE, 2 * _BESIDE + 1
+    )
+    steps = _neighbouring_radii(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
     for quantity, limit in enumerate((math.inf, infinity)):
         if limit is not None:
             before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
@@ -127,7 +129,7 @@ def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
     return radii if math.isinf(infinity) else distance_of(radii, infinity)
 
 
-def _around(
+def _neighbouring_radii(
     band: Tensor, ranges: dict[int, Tensor], rows: tuple[int, int], before: int, width: int
 ) -> Tensor:
     """The radii [m, width] along both axes around the pixels of a band whose range matters.
@@ -433,7 +435,7 @@ def _edge_counts(
         steepest = steepness(around)
         if scale is not None:
             slow = steepest <= FOOT_FRACTION * steep  # far slopes are steep in distance
-            around = scale.of(around)
+            around = scale.distances(around)
             steepest = steepness(around).masked_fill_(slow, 0.0)
         slope = softness(steepest)
         minimum, maximum = (

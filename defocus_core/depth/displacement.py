@@ -258,7 +258,7 @@ def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tenso
     flat, taken = radii.flatten(), signed_radius.flatten()
     # the median beyond an edge, for beside it a speck may lie; what is nearer there shows no tear
     along = torch.arange(1.0, 2 * DEEPEST, device=at.device)
-    beyond, _ = _across(at, silhouette.normal, along, (H, W))
+    beyond, _ = _profile_pixels(at, silhouette.normal, along, (H, W))
     median = flat[beyond].argsort(dim=1, stable=True)[:, len(along) // 2, None]
     near, far = at[:, 0] * W + at[:, 1], beyond.gather(1, median)[:, 0]
     far = torch.where(flat[far] < flat[silhouette.far], far, silhouette.far)
@@ -285,7 +285,7 @@ def edge_evidence(
     `radii`: [H, W] px; `pixels`: [C, H, W] linear.
     """
     step = pieces(radii.device, _BYTES_EACH)  # profiles to examine at once
-    beside = _beside(silhouette.at, radii) if along else None
+    beside = _silhouette_neighbours(silhouette.at, radii) if along else None
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
     profiles = [_profiles_of(Silhouette(*part), radii) for part in zip(*parts, strict=True)]
     moments = torch.cat([_color_moments(each, pixels) for each in profiles])
@@ -312,7 +312,7 @@ def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
     return ((likely * by).sum(1) * _GRAINS).round() / _GRAINS
 
 
-def _beside(at: Tensor, radii: Tensor) -> Tensor:
+def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
     """The places [n, K] in `at` of the pixels of a silhouette within 5×5 px; n for none."""
     n, (H, W) = len(at), radii.shape
     number = torch.full((H * W,), n, device=at.device)
@@ -408,7 +408,7 @@ def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
     rise = radii.diff(dim=dim)
     if scale is None:
         return rise
-    of_distance = scale.of(radii).diff(dim=dim)
+    of_distance = scale.distances(radii).diff(dim=dim)
     return torch.where(of_distance.abs() < rise.abs(), of_distance, rise)
 
 
@@ -427,7 +427,7 @@ def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
 
 
-def _across(
+def _profile_pixels(
     at: Tensor, normal: Tensor, along: Tensor, size: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
     """The numbers [n, K] of the pixels across a silhouette [n, 2], and whether the frame has them.
@@ -466,7 +466,7 @@ class _Profiles(NamedTuple):
         for side, depth, count in zip(
             (-1, 1), self.depths(), (self.inwards, self.outwards), strict=True
         ):
-            from_edge = side * _along(depth)
+            from_edge = side * _profile_offsets(depth)
             deepest = torch.minimum(depth + _SPAN, torch.maximum(count - 1.0, depth))[:, None]
             sampled = (from_edge >= depth[:, None] - 0.5) & (from_edge <= deepest + 0.5)
             yield sampled, (from_edge > deepest + 0.5) & (from_edge < count[:, None])
@@ -476,7 +476,7 @@ def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
     """The profiles across a silhouette of radii [H, W]."""
     at, far, normal = silhouette
     size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
-    index, inside = _across(at, normal, _along(at), size)
+    index, inside = _profile_pixels(at, normal, _profile_offsets(at), size)
     is_near = flat[index] < halfway(flat[at[:, 0] * size[1] + at[:, 1]], flat[far])[:, None]
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
     outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
@@ -552,7 +552,7 @@ def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
     Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
     its colour is on the other side; where the colours of both surfaces are alike, nothing.
     """
-    along, (near_depth, far_depth) = _along(nearer), profiles.depths()
+    along, (near_depth, far_depth) = _profile_offsets(nearer), profiles.depths()
     valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)
     nearer = nearer * valid
     costs = -nearer.cumsum(1)[:, REACH - FARTHEST : REACH + FARTHEST + 1].flip(1)
@@ -562,7 +562,7 @@ def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
     return torch.where(possible, costs.clamp(max=DEEPEST), float(DEEPEST))
 
 
-def _along(like: Tensor) -> Tensor:
+def _profile_offsets(like: Tensor) -> Tensor:
     """Px [2 * REACH + 1] from a silhouette to the pixels of a profile."""
     return torch.arange(-REACH, REACH + 1, device=like.device, dtype=torch.float64)
 

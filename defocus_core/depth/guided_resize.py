@@ -17,7 +17,7 @@ from defocus_core.depth.repair import repair_depth
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import in_bands
 from defocus_core.tensors.neighbourhoods import halfway
-from defocus_core.tensors.pyramid import beside, linear
+from defocus_core.tensors.pyramid import coarse_neighbours, linear
 from defocus_core.tensors.validation import described
 
 # Range of radii in px for which the depth is repaired.
@@ -72,7 +72,7 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
             reach=_REACH * pitch,
         )
     return in_bands(
-        lambda box: (1 / (box.of(radius) / scale).clamp(min=0).abs()).to(depth.dtype),
+        lambda box: (1 / (box.crop(radius) / scale).clamp(min=0).abs()).to(depth.dtype),
         size,
         depth.device,
     )
@@ -92,7 +92,7 @@ def _snapped(
     """Interpolated radii [H, W] px; the closer end where the coarse pixels around span an edge."""
     nearest = farthest = coarse
     for dim, (first, end) in enumerate((rows, columns)):
-        before, after, _ = beside(coarse, dim, first, end, size[dim])
+        before, after, _ = coarse_neighbours(coarse, dim, first, end, size[dim])
         nearest, farthest = (
             choice(values.index_select(dim, before), values.index_select(dim, after))
             for values, choice in ((nearest, torch.minimum), (farthest, torch.maximum))

@@ -84,9 +84,9 @@ def with_coarse_shifts(
 
     def of_box(box: Box) -> Tensor:
         window = box.grown(around, Box(0, 0, H, W))
-        radii = window.of(signed_radius)
+        radii = window.crop(signed_radius)
         radii = _moved_coarsely(radii, found, step, scale, corner=window[:2], size=(H, W))
-        return box.seen_from(window).of(radii)
+        return box.seen_from(window).crop(radii)
 
     return in_bands(of_box, (H, W), signed_radius.device, margin=around, threads=threads)
 

@@ -88,7 +88,7 @@ class MixedPixels(NamedTuple):
         return MixedPixels(self.at.index_select(0, index), self.values.index_select(1, index))
 
     @classmethod
-    def joined(cls, parts: Sequence[MixedPixels]) -> MixedPixels:
+    def concatenate(cls, parts: Sequence[MixedPixels]) -> MixedPixels:
         """The pixels of all parts."""
         return cls(torch.cat([part.at for part in parts]), torch.cat([p.values for p in parts], 1))
 
@@ -173,10 +173,10 @@ def mixed_pixels(
     """
     edge = _edges(signed_radius, matte)
     squares = _squares_on(edge, image, signed_radius, matte)
-    parts = [_taken_apart(at, square, limit) for at, square in squares]
+    parts = [_split_pixels(at, square, limit) for at, square in squares]
     if not parts:
         return no_pixels(image)
-    return parts[0] if len(parts) == 1 else MixedPixels.joined(parts)
+    return parts[0] if len(parts) == 1 else MixedPixels.concatenate(parts)
 
 
 def no_pixels(image: Tensor) -> MixedPixels:
@@ -259,7 +259,7 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
     return squares._replace(is_near=is_near, known=known)
 
 
-def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> MixedPixels:
+def _split_pixels(at: Tensor, squares: _Squares, limit: float) -> MixedPixels:
     """Take apart the pixels at [n, 2]."""
     pixels = _pixels_on_edge(squares, limit)
     color, own, other, _, known = pixels
@@ -373,10 +373,10 @@ def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Ten
     own_color, free = (
         side.mean + residual * weight for side, weight in zip((own, other), weights, strict=True)
     )
-    clipped = free - _within(other, other.mean, free)
+    clipped = free - _clipped(other, other.mean, free)
     own_color = own_color + (1 - alpha) / torch.where(alpha > 0, alpha, 1.0) * clipped
-    own_color = _within(own, color, own_color)
-    return own_color, _within(other, color, _rest(color, own_color, alpha))
+    own_color = _clipped(own, color, own_color)
+    return own_color, _clipped(other, color, _rest(color, own_color, alpha))
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
@@ -384,7 +384,7 @@ def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
     return (mixed - fraction * color) / torch.where(fraction < 1, 1 - fraction, 1.0)
 
 
-def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
+def _clipped(side: _Side, other: Tensor, color: Tensor) -> Tensor:
     """Clip a colour to two deviations around its surface's mean; `other` is never clipped."""
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))

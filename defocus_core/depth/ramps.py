@@ -83,7 +83,7 @@ def without_ramps(
         return signed_radius
     index, near, far = found
     radii = signed_radius.flatten()
-    values = radii.detach() if scale is None else scale.of(radii.detach())
+    values = radii.detach() if scale is None else scale.distances(radii.detach())
     source = torch.where(values[index] < halfway(values[near], values[far]), near, far)
     return radii.index_copy(0, index, radii[source]).reshape(signed_radius.shape)
 
@@ -97,7 +97,7 @@ def _ends_of_ramps(
     """
     longest = longest_ramp(edge_width)
     foot_of = max(_FOOT_PX, longest // 2)
-    values = signed_radius.detach() if scale is None else scale.of(signed_radius.detach())
+    values = signed_radius.detach() if scale is None else scale.distances(signed_radius.detach())
     slope = steepness(values)
     core = torch.where(exceeding(slope, steep), slope, 0.0)
     if not bool(core.any()):
@@ -147,7 +147,7 @@ def without_wide_ramps(
     ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
 
     def of_box(box: Box) -> Tensor:
-        radii, ends_of = box.of(signed_radius), ((box.top, box.height), (box.left, box.width))
+        radii, ends_of = box.crop(signed_radius), ((box.top, box.height), (box.left, box.width))
         places = [
             (torch.arange(first, first + count, device=radii.device) * coarse.shape[dim]).div(
                 size, rounding_mode="floor"
@@ -235,7 +235,7 @@ def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None 
         before, step, after = steps_beside(signed_radius, dim)
         high = step > HARD_STEP * steep
         if scale is not None:
-            before, step, after = steps_beside(scale.of(signed_radius), dim)
+            before, step, after = steps_beside(scale.distances(signed_radius), dim)
             high &= step > HARD_STEP * steep
         level = torch.maximum(before, after) < LEVEL * step
         count += (high & level).sum()
@@ -284,7 +284,7 @@ class DistanceScale(NamedTuple):
     nearest: float  # px of radius between infinity and the nearest surface of the frame
     farthest: float  # px of radius between infinity and its farthest surface
 
-    def of(self, radii: Tensor) -> Tensor:
+    def distances(self, radii: Tensor) -> Tensor:
         """Distances of radii [H, W] px; 0 px for the nearest surface."""
         by_distance = self.nearest * self.farthest
         distance = distance_of(radii, self.infinity)
@@ -294,7 +294,7 @@ class DistanceScale(NamedTuple):
         """The scale of the same distances where all radii are so many times as great."""
         return DistanceScale(*(px * factor for px in self))
 
-    def through(self, scale: float, infinity: float) -> DistanceScale:
+    def rescaled(self, scale: float, infinity: float) -> DistanceScale:
         """The scale of the same distances for a lens of a greater scale and another infinity."""
         return DistanceScale(infinity, self.nearest * scale, self.farthest * scale)
 

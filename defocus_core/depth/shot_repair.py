@@ -37,7 +37,7 @@ def repair_through(repair: DepthRepair, factor: float, infinity: float | None) -
     shifts, averaged, ramps_of = repair.edge_shifts, repair.antialiased, repair.ramps_of
     is_of_distance = averaged is not None and not math.isinf(averaged)
     if ramps_of is not None and infinity is not None:
-        ramps_of = ramps_of.through(factor, infinity)
+        ramps_of = ramps_of.rescaled(factor, infinity)
     return repair._replace(
         noise=None if repair.noise is None else repair.noise * factor,
         antialiased=infinity if is_of_distance else averaged,

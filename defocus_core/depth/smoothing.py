@@ -26,8 +26,8 @@ from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
     flat_nonzero,
+    masked_values,
     steps_beside,
-    taken,
     tally,
 )
 from defocus_core.tensors.ties import off_round
@@ -87,7 +87,7 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) 
     if launches_cost(before.device) or steepest > _STEP:
         far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
         apart, beyond = torch.count_nonzero(far), beyond & ~far
-    off = ((taken(after, beyond) - taken(before, beyond)).abs_() / 2).flatten()
+    off = ((masked_values(after, beyond) - masked_values(before, beyond)).abs_() / 2).flatten()
     counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
     counts[0] += before.numel() - len(off) - apart
     return torch.cat([apart[None], counts])
@@ -131,12 +131,12 @@ def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
     H, W = radii.shape
     framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
 
-    def beside(y: int, x: int) -> Tensor:
+    def differences(y: int, x: int) -> Tensor:
         return framed[_NEAR + y : _NEAR + y + H, _NEAR + x : _NEAR + x + W] - radii
 
     total, count = torch.zeros_like(radii), torch.ones_like(radii)
     for y, x in _HALF:
-        pair = beside(y, x), beside(-y, -x)
+        pair = differences(y, x), differences(-y, -x)
         near = (torch.maximum(*(each.detach().abs() for each in pair)) <= maximum).to(radii)
         total = total.addcmul(pair[0] + pair[1], near)
         count.add_(near, alpha=2)

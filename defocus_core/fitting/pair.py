@@ -198,7 +198,7 @@ class Search:
 
     def best(self) -> Point:
         """The point of least error."""
-        points = self._apart(self._starts(), _SEARCHED)
+        points = self._distinct(self._starts(), _SEARCHED)
         if not points:
             raise ValueError(
                 "hardly a pixel can be used: nearly all are clipped, or seen from beyond the "
@@ -210,7 +210,7 @@ class Search:
                 ended.append(self._descend(point, pictures))
                 if self._error(ended[-1], pictures) < _EXACT:
                     break
-            points = self._apart(ended, width)
+            points = self._distinct(ended, width)
             if pictures is self._all:
                 break
         return points[0]
@@ -227,7 +227,7 @@ class Search:
         level = (small.disparity * (_LEVELS - 1)).round().long().flatten().cpu()
         tables = []
         for radius in (radii / flat.factor).tolist():
-            away, weight = self._residual.of(first._replace(far=radius, near=radius), flat)
+            away, weight = self._residual.differences(first._replace(far=radius, near=radius), flat)
             both = weight.mean((0, 1)), (weight * measure_of(away)).mean((0, 1))
             tables.append([level.bincount(x.double().flatten().cpu(), _LEVELS) for x in both])
         table = torch.stack([torch.stack(each) for each in tables], 1)  # [2, radii, levels]
@@ -241,7 +241,7 @@ class Search:
         ends = torch.stack([far, near], 1)[error.argsort()[:_TRIED]] / flat.factor
         return [first._replace(far=one, near=other) for one, other in ends.tolist()]
 
-    def _apart(self, points: list[Point], width: int) -> list[Point]:
+    def _distinct(self, points: list[Point], width: int) -> list[Point]:
         """Points, the best first, without those close to a better one."""
         pictures = self._widths[width]
         errors = {point: self._error(point, pictures) for point in points}
@@ -255,7 +255,7 @@ class Search:
         return kept
 
     def _error(self, point: Point, pictures: Scale) -> float:
-        return error_of(*self._residual.of(point, pictures))
+        return error_of(*self._residual.differences(point, pictures))
 
     def _descend(self, point: Point, pictures: Scale) -> Point:
         """A point after Gauss-Newton steps.
@@ -271,13 +271,13 @@ class Search:
             hessian, gradient = (x.sum(0) for x in normal)
             hessian, gradient = hessian / lengths.outer(lengths), gradient / lengths
             told = hessian.diagonal().clamp_min(_TOLD * hessian.diagonal().max() + 1e-30)
-            here = self._residual.of(point, pictures)
+            here = self._residual.differences(point, pictures)
             for damping in _DAMPINGS:
                 step = -torch.linalg.solve(hessian + torch.diag(damping * told), gradient)
                 step = step / ((step @ probes).abs() / longest).max().clamp_min(1)
                 there = _moved(point, self._free, step @ probes)
                 # Errors of the same pixels; else pixels that see beyond the border would decide
-                away, weight = self._residual.of(there, pictures)
+                away, weight = self._residual.differences(there, pictures)
                 common = torch.minimum(weight, here[1])
                 before, after = error_of(here[0], common), error_of(away, common)
                 if after < before:
@@ -296,9 +296,9 @@ class Search:
 
         The step is in units of the probes [P, P], a row each.
         """
-        away, weight = self._residual.of(point, pictures)
+        away, weight = self._residual.differences(point, pictures)
         moved = [_moved(point, self._free, probe) for probe in probes]
-        tables = [away] + [self._residual.of(there, pictures)[0] - away for there in moved]
+        tables = [away] + [self._residual.differences(there, pictures)[0] - away for there in moved]
         table = (torch.stack(tables) * robust_of(away, weight).sqrt()).double().cpu()
         products = [
             block.flatten(1) @ block.flatten(1).T
@@ -314,7 +314,7 @@ class Search:
         still, focus = point._replace(far=_MINIMUM, near=0.0), point.far / strength
         unlike, square = (
             float((away.square() * weight).sum() / weight.sum()) / away.shape[1]
-            for away, weight in (self._residual.of(x, pictures) for x in (still, point))
+            for away, weight in (self._residual.differences(x, pictures) for x in (still, point))
         )
         slopes = torch.zeros(3, len(_PROBES), dtype=torch.float64)  # of strength, focus, crosstalk
         slopes[:2, :2] = torch.tensor([[1, -1], [1 - focus, focus]]) / strength
@@ -346,7 +346,9 @@ class Search:
         """
         probes = _probes(point, pictures, self._free)
         hessian, gradient = self._normal(point, pictures, probes)
-        count = float(self._residual.of(point, pictures)[1].sum()) * pictures.sharp.shape[0]
+        count = (
+            float(self._residual.differences(point, pictures)[1].sum()) * pictures.sharp.shape[0]
+        )
         if bool((hessian.sum(0).diagonal()[:2] <= _UNTOLD * count).any()):
             return [math.inf] * len(slopes)
         rest = torch.linalg.pinv(hessian.sum(0) - hessian)

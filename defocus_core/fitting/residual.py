@@ -67,7 +67,7 @@ class Residual:
         self._has_lost = bool(pictures.lost.any())
         self._views: dict[object, tuple[Tensor, Tensor]] = {}
 
-    def of(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
+    def differences(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
         light, weight, _ = self.modelled(point, pictures)
         one, other = (x.clamp_min(0) for x in (light, pictures.observed))

@@ -135,7 +135,7 @@ def read_depth(
             ``invalid="error"``.
         UsageProblem: An option is missing, unknown, or makes no sense for this file.
     """
-    _within("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
+    _bounded("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
     _one_of("depth-format", format, tuple(NAMES), "'defocus help depth' lists all")
     reading = DepthReading(
         depth_format=format,
@@ -147,9 +147,9 @@ def read_depth(
         view=view,
         depth_range=range_mm,
         geometry=None if radial is None else "radial" if radial else "planar",
-        focal_px=_within("focal-px", focal_px),
-        fov=_within("fov", fov, 180.0),
-        baseline=_within("baseline", baseline_mm),
+        focal_px=_bounded("focal-px", focal_px),
+        fov=_bounded("fov", fov, 180.0),
+        baseline=_bounded("baseline", baseline_mm),
         doffs=doffs,
         sky=sky,
         invalid=invalid if _one_of("invalid", invalid, HOLES) in ("far", "fill") else "error",
@@ -250,7 +250,7 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
     raise UsageProblem("unknown-name", f"{word!r} is not known", remedy, field=field)
 
 
-def _within(field: str, value: float | None, end: float = math.inf) -> float | None:
+def _bounded(field: str, value: float | None, end: float = math.inf) -> float | None:
     """A number between 0 and `end`, or None."""
     if value is None or 0 < value < end:
         return value

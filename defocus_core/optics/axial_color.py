@@ -30,7 +30,9 @@ def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
     return -lens.foclen / lens.fnum * shift / (2 * lens.pixel_size * image_distance)
 
 
-def apart(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
+def channel_groups(
+    offsets: Sequence[Scalar] | None, channels: int
+) -> list[tuple[list[int], Scalar]]:
     """Groups of channels that are rendered together, each with the px to add to its radii."""
     if offsets is None:
         return [(list(range(channels)), 0.0)]

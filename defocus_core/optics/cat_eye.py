@@ -53,7 +53,7 @@ class Rim(NamedTuple):
         pupil, rim = (
             (area / torch.where(there, whole, 1.0)).clamp(0, 1) for area in (areas, opening)
         )
-        along = self._along(
+        along = self._parallelism(
             *(middles(at) * times for at, times in zip((x, y), narrowing, strict=True))
         )
         product = pupil * rim
@@ -62,7 +62,7 @@ class Rim(NamedTuple):
         is_open = there & (pupil > 0)
         return torch.where(is_open, both / torch.where(is_open, pupil, 1.0), 0.0)
 
-    def _along(self, x: Tensor, y: Tensor) -> Tensor:
+    def _parallelism(self, x: Tensor, y: Tensor) -> Tensor:
         """How parallel the borders of the pupil and of the rim are: -1 to 1."""
         left, top = (
             middle[..., None] if isinstance(middle, Tensor) else middle
@@ -80,7 +80,7 @@ class Rim(NamedTuple):
         return self.x.numel() if isinstance(self.x, Tensor) else 1
 
     @classmethod
-    def joined(cls, rims: Sequence[Rim]) -> Rim:
+    def concatenate(cls, rims: Sequence[Rim]) -> Rim:
         """Rims of one size joined to one, with the points of all."""
         x, y = (
             torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in positions])
@@ -88,7 +88,7 @@ class Rim(NamedTuple):
         )
         return cls(rims[0].size, x, y)
 
-    def of(self, which: Tensor | slice) -> Rim:
+    def select(self, which: Tensor | slice) -> Rim:
         """The rim as seen by the points of some indices; its size is common to all."""
         x, y = (torch.as_tensor(position)[which] for position in (self.x, self.y))
         return self._replace(x=x, y=y)
@@ -166,7 +166,7 @@ class CatEye:
         corner = math.hypot(height, width * self.pixel_aspect) / 2
         return (x - width / 2) * self.pixel_aspect / corner, (y - height / 2) / corner
 
-    def apart(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
+    def centre_distance(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
         """Distance of the centres of rim and pupil for points, as `view`, in radii of the pupil.
 
         It has a gradient to shift in the middle of the frame and at a shift of 0, too.

@@ -66,7 +66,7 @@ class Distribution:
             ends = f"got {low:g} and {high:g}; like (5, 95)"
             raise ValueError(f"percentile must lie between 0 and 100, {ends}")
 
-    def at(self, fraction: float) -> Any:
+    def quantile(self, fraction: float) -> Any:
         """The quantile of the distribution at a fraction in [0, 1)."""
         if self.kind == "choice":
             return self.values[int(fraction * len(self.values))]
@@ -78,7 +78,9 @@ class Distribution:
 def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
     """The value of each option; distributions are drawn by keys like a seed and a name."""
     return {
-        name: option.at(_fraction(*keys, name)) if isinstance(option, Distribution) else option
+        name: option.quantile(_fraction(*keys, name))
+        if isinstance(option, Distribution)
+        else option
         for name, option in options.items()
     }
 

@@ -72,13 +72,13 @@ class DualPixel:
 
     def crossed(self, pair: Tensor, centre: Tensor) -> Tensor:
         """Left and right [2, C, h, w] with crosstalk, which keeps their mean, the centre."""
-        apart = self.apart
+        apart = self.separation
         if isinstance(apart, float) and apart == 1:
             return pair
         return centre + (pair - centre) * apart
 
     @property
-    def apart(self) -> Scalar:
+    def separation(self) -> Scalar:
         """The separation of left and right as a fraction of that without crosstalk."""
         own = DUAL_PIXEL_SENSORS[self.model][1] if self.model in DUAL_PIXEL_SENSORS else 0.0
         return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
@@ -93,4 +93,4 @@ class DualPixel:
         """
         pupil = aperture.fixed
         left, right = (pupil.centroid(part, nearer=nearer, view=view)[0] for part in self.halves)
-        return (right - left) * float(self.apart)
+        return (right - left) * float(self.separation)

@@ -285,7 +285,7 @@ class PupilImage(Outline):
         away = torch.arange(len(light), dtype=light.dtype) + 0.5 - self._middle[0]
         return float((light @ away**2 / light.sum()).sqrt())
 
-    def about(self, middle: tuple[float, float], radius: float) -> None:
+    def set_circle(self, middle: tuple[float, float], radius: float) -> None:
         """Set the middle and the radius of the lens, in px."""
         self._middle, self._radius = middle, radius
         position = repr((*middle, radius)).encode()
@@ -303,7 +303,7 @@ class PupilImage(Outline):
         image = object.__new__(cls)
         image._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
         image._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
-        image.about(middle, radius)
+        image.set_circle(middle, radius)
         return image
 
     @property

@@ -59,7 +59,7 @@ class Part:
         if self.sensitivity is None:
             return 1 + self.lean * narrowing[0] * middles(u)[..., None, :]
         x, y = ((u * times).clamp(-1, 1) for times in narrowing)
-        return 2 * self.sensitivity.between(x, y)
+        return 2 * self.sensitivity.mean_share(x, y)
 
     def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
         """Lens coordinates, moved into the part."""
@@ -157,7 +157,7 @@ class Sensitivity:
     def __hash__(self) -> int:
         return hash(self._fractions)
 
-    def between(self, x: Tensor, y: Tensor) -> Tensor:
+    def mean_share(self, x: Tensor, y: Tensor) -> Tensor:
         """The mean share between lens points x [..., n] and y [..., m], 0 where the area is 0."""
         area = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
         fraction = self._fractions.areas(x, y)
@@ -206,7 +206,7 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
     left, both = pad(left, beyond), pad(both, beyond)
     whole = PupilImage(both)
     border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
-    whole.about(whole.middle, border.reach(whole.middle))
+    whole.set_circle(whole.middle, border.reach(whole.middle))
     return _fill(left, both), whole
 
 

@@ -26,9 +26,9 @@ from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.validation import (
     Scalar,
     bad_depth,
-    between,
     broadcast,
     device_named,
+    distance_within,
     each_positive,
     floating,
     number,
@@ -301,7 +301,7 @@ class ThinLens:
         radius = coc_of(per_disparity, 1 / s, z) / (2 * self.pixel_size)
         if self.sharp_range is None:
             return radius
-        return radius.masked_fill(between("sharp_range", self.sharp_range, z), 0.0)
+        return radius.masked_fill(distance_within("sharp_range", self.sharp_range, z), 0.0)
 
     def radius_at_infinity(self) -> float:
         """Signed CoC radius in px at infinity, whatever `d_far` is."""

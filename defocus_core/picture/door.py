@@ -248,7 +248,7 @@ class Lens:
             UsageProblem: An option is unknown, or its value invalid.
         """
         lens = cls(**options)
-        lens._file = lens_path(Path(file), CALLER.at("lens"))
+        lens._file = lens_path(Path(file), CALLER.with_field("lens"))
         return lens
 
     @property
@@ -290,9 +290,9 @@ class Lens:
                 if reading.invert is None:
                     reading, _ = subject.with_near_end(picture._decoded.depth, reading)
                 depth = replace(picture._decoded.depth, inverted=bool(reading.invert))
-                taken = subject.options_of(depth, picture.size, lenses.options)
-                lenses = replace(lenses, own={**self._layer, **taken})
-        return lenses.of(picture.files)[0], reading
+                chosen = subject.options_of(depth, picture.size, lenses.options)
+                lenses = replace(lenses, own={**self._layer, **chosen})
+        return lenses.lens_of(picture.files)[0], reading
 
     def __repr__(self) -> str:
         words = [f"{name}={text}" for name, text in self.options.items()]
@@ -379,7 +379,7 @@ class Views:
         if missing:
             problem, remedy = f"{missing[0]} was not rendered", "render with left_right=True"
             raise UsageProblem("missing-option", problem, remedy, field="outputs")
-        take = replace(self._take, job=replace(job, outputs=outputs), images=self._of(outputs))
+        take = replace(self._take, job=replace(job, outputs=outputs), images=self._arrays(outputs))
         inputs = identities(job.files.values())
         for path in take.job.written:
             require_replaceable(path, overwrite=overwrite, inputs=inputs)
@@ -392,7 +392,7 @@ class Views:
     def _has(self, views: tuple[str, ...]) -> bool:
         return all(view in self._take.images for view in views)
 
-    def _of(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
+    def _arrays(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
         """The arrays of each of some kinds."""
         images = self._take.images
         return {
@@ -563,7 +563,7 @@ def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], more: Sequence[
             remedy = gone.remedy("option", name, otherwise=known)
             raise UsageProblem("unknown-name", "is not an option", remedy, field=word)
     layer = {
-        name: given_to(name, value, CALLER.at(name))
+        name: given_to(name, value, CALLER.with_field(name))
         for name, value in given.items()
         if not (rows[name].flag and value is False)
     }

@@ -56,14 +56,14 @@ def _at_pixel(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> float:
     """The depth in mm of a pixel."""
     foc_dist = float(depth.metres[_place_of(lens, pixel, depth)][0, 0]) * MM_PER_M
     at = f"{depth.path} at {pixel[0]},{pixel[1]}: "
-    refuse_near_focus(foc_dist, lens.foclen, lens.focus_source.at("focus-at"), at)
+    refuse_near_focus(foc_dist, lens.foclen, lens.focus_source.with_field("focus-at"), at)
     return foc_dist
 
 
 def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
     """Row and column of a pixel, which must lie in the picture and not be empty."""
     (x, y), (width, height) = pixel, depth.size
-    option = lens.focus_source.at("focus-at")
+    option = lens.focus_source.with_field("focus-at")
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
             "out-of-range",

@@ -14,7 +14,7 @@ from defocus_core.io.depth_formats.reading import DepthNumbers
 from defocus_core.io.images.color import Color, require_finite
 from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.raster import PLAIN_CHANNELS
-from defocus_core.picture.steps.table import PAIR, through
+from defocus_core.picture.steps.table import PAIR, apply_steps
 from defocus_core.picture.take import Arrays, InputPair, Inputs
 from defocus_core.request.job import Job
 from defocus_core.system import memory
@@ -64,7 +64,7 @@ def _pair(job: Job, color: NDArray[Any], depth: NDArray[Any]) -> tuple[Color, De
         Color(planes, tuple(channels), job.picture.color, note=note, within_white=whole),
         depth_of(numbers, job.reading, lens_focal=job.lens_focal),
     )
-    pair = through(PAIR, replace(InputPair.of(job), planes=decoded))
+    pair = apply_steps(PAIR, replace(InputPair.from_job(job), planes=decoded))
     require_valid(pair.depth)
     require_finite(pair.color)
     return pair.color, pair.depth

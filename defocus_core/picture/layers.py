@@ -47,7 +47,7 @@ class Layers:
         count = sum((alpha > 0).astype(np.uint8) for alpha in self.alpha)
         return bool(np.all(count == 1) and np.all(reduce(np.maximum, self.alpha) >= 1))
 
-    def before(self, plate: Layers) -> Layers:
+    def stacked_over(self, plate: Layers) -> Layers:
         """These layers in front of those of a plate."""
         return replace(
             self,
@@ -105,7 +105,7 @@ class Layers:
         """These layers with those of a holdout, which hide others and have no light."""
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
-        whole = replace(self, light=shown).before(replace(holdout, light=hiding))
+        whole = replace(self, light=shown).stacked_over(replace(holdout, light=hiding))
         return replace(whole, held_out=True, front=self.front)
 
 

@@ -18,7 +18,7 @@ from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, requir
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.scene import map_on, picture_on
-from defocus_core.picture.steps.table import PAIR, WINDOW, through
+from defocus_core.picture.steps.table import PAIR, WINDOW, apply_steps
 from defocus_core.picture.take import InputPair
 from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.system.text import note
@@ -32,12 +32,12 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
         reading = replace(wanted.reading, resize_depth="guided")  # smaller in a photograph
         wanted = replace(wanted, reading=reading)
     require_view((picture.color, picture.depth), wanted.reading.view)
-    decoded = _decode(through(WINDOW, wanted))
+    decoded = _decode(apply_steps(WINDOW, wanted))
     if asked is not None and not decoded.differs:
         words = f"{picture.depth.name}: ‹resize-depth› {asked}: it has the size of the colour"
         depth = decoded.depth
         decoded = decoded.with_depth(replace(depth, warnings=(*depth.warnings, words)))
-    pair = through(PAIR, decoded)
+    pair = apply_steps(PAIR, decoded)
     require_valid(pair.depth)
     require_finite(pair.color)
     if pair.color.note.endswith(SHARP_INSIDE):
@@ -109,7 +109,7 @@ def overscan_of(wanted: InputPair) -> Overscan:
         return NO_OVERSCAN
     headers = in_view(picture.color, read_headers(picture.color), reading.view)
     color = choose_color(picture.color, headers, layer=reading.color_layer, part=color_part).header
-    overscan = color.data.beyond(color.display, whole=whole)
+    overscan = color.data.overscan(color.display, whole=whole)
     if not any(overscan):
         return NO_OVERSCAN
     if not is_exr(read_head(picture.depth)):
@@ -121,13 +121,13 @@ def overscan_of(wanted: InputPair) -> Overscan:
         depth = choose_depth_channel(picture.depth, headers, deeper).header
     except NoDepthChannel:  # a plate needs none; for others the reader reports it
         return overscan
-    return overscan.within(depth.data.beyond(depth.display, whole=whole))
+    return overscan.smaller(depth.data.overscan(depth.display, whole=whole))
 
 
 def read_overscan(wanted: InputPair) -> InputPair:
     """The picture with the overscan to read."""
     overscan = overscan_of(wanted)
-    return replace(wanted, overscan=overscan.within(wanted.limit or overscan))
+    return replace(wanted, overscan=overscan.smaller(wanted.limit or overscan))
 
 
 def stretch_words(share: float) -> str:

@@ -26,7 +26,7 @@ from defocus_core.picture.memory_budget import (
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import passes_of, surfaces_of, to_array
-from defocus_core.picture.steps.table import LENS, RADII, READ, through
+from defocus_core.picture.steps.table import LENS, RADII, READ, apply_steps
 from defocus_core.picture.take import InputPair, Inputs, Pass, Surfaces, Take
 from defocus_core.picture.write import write
 from defocus_core.request.job import Job
@@ -45,10 +45,10 @@ __all__ = ["choose_device", "compute", "load", "prepare", "read", "renderers", "
 def read(job: Job) -> Inputs:
     """Decode the picture of a job, and its hidden layer, plate and matte, if any."""
     require_room(job)
-    color, depth = read_pair(InputPair.of(job))
+    color, depth = read_pair(InputPair.from_job(job))
     inputs = Inputs(arrays_mb(job), color, depth, empty=depth.empty)
     inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
-    return through(READ, Take(job=job, inputs=inputs, lens=job.lens)).inputs
+    return apply_steps(READ, Take(job=job, inputs=inputs, lens=job.lens)).inputs
 
 
 def prepare(job: Job, inputs: Inputs) -> Take:
@@ -58,9 +58,9 @@ def prepare(job: Job, inputs: Inputs) -> Take:
         holds = "relative disparity" if depth.is_relative else "radii"
         problem = f"holds {holds}, of which no depth can be written"
         raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
-    take = through(LENS, Take(job=job, inputs=inputs, lens=job.lens))
+    take = apply_steps(LENS, Take(job=job, inputs=inputs, lens=job.lens))
     radii = radii_of(take.lens, depth)
-    take = through(
+    take = apply_steps(
         RADII,
         replace(
             take,

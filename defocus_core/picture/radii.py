@@ -89,11 +89,11 @@ def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
     clamped = int(np.count_nonzero(larger))
     whole = np.clip(radii.px, -limit, limit)  # other jobs share those of a file
 
-    def within(radius: float) -> float:
+    def clamp(radius: float) -> float:
         return min(max(radius, -limit), limit)
 
-    infinity = None if radii.infinity is None else within(radii.infinity)
-    limits = within(radii.limits[0]), within(radii.limits[1])
+    infinity = None if radii.infinity is None else clamp(radii.infinity)
+    limits = clamp(radii.limits[0]), clamp(radii.limits[1])
     words = f"radius of {counted(clamped, 'pixel')} clamped to {limit:g} px"
     warnings = (words,) if clamped else ()
     return radii._replace(px=whole, limits=limits, infinity=infinity, warnings=warnings)
@@ -146,7 +146,7 @@ def thin_lens_of(lens: LensValues, size: tuple[int, int]) -> ThinLens:
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
-        option = lens.focus_source.at("focus")
+        option = lens.focus_source.with_field("focus")
         raise UsageProblem(
             "out-of-range", reason(error), "check the lens options", path=option
         ) from error

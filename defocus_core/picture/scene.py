@@ -11,7 +11,7 @@ import numpy as np
 from defocus_core.io.arrays import block_of, times
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.radii import color_offsets, radii_of
-from defocus_core.picture.steps.table import PASSES, SCENE, through
+from defocus_core.picture.steps.table import PASSES, SCENE, apply_steps
 from defocus_core.picture.take import Pass, Surfaces, Take
 
 if TYPE_CHECKING:
@@ -29,25 +29,27 @@ def surfaces_of(take: Take) -> Surfaces:
     px = map_on(times(take.radii.px, take.longer_axis), device)
     light = picture_on(color.planes, device)
     first = Surfaces(take, (color,), (take.radii,), (light,), (px,), DepthRepair())
-    return through(SCENE, first)
+    return apply_steps(SCENE, first)
 
 
 def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
     """The passes of surfaces; the most important one comes last."""
     take = surfaces.take
     channels = tuple(range(len(take.inputs.color.planes)))
-    return through(PASSES, (Pass(take, _scene(surfaces), settings_of(take), channels, channels),))
+    return apply_steps(
+        PASSES, (Pass(take, _scene(surfaces), settings_of(take), channels, channels),)
+    )
 
 
 def _scene(surfaces: Surfaces) -> Scene:
     """The scene of surfaces."""
-    from defocus_core.renderer.engine.scene import Surface, over, with_hidden
+    from defocus_core.renderer.engine.scene import Surface, element_layers, with_hidden
     from defocus_core.renderer.layers.samples import Layered
 
     if surfaces.coverage is None:
         surface = Surface(surfaces.light[0], surfaces.px[0], surfaces.matte)
         return with_hidden(surface, surfaces.hidden)
-    make = over if surfaces.colors else Layered.of
+    make = element_layers if surfaces.colors else Layered.from_layers
     return make(layers_on(surfaces.light), layers_on(surfaces.px), surfaces.coverage)
 
 

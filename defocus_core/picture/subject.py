@@ -67,7 +67,7 @@ class FoundPixel(NamedTuple):
     y: int
     size: tuple[int, int]
 
-    def within(self, size: tuple[int, int]) -> tuple[int, int]:
+    def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
         """The same place in a picture of another (width, height)."""
         x, y = (
             int((place + 0.5) * wanted / own)
@@ -116,11 +116,11 @@ def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
 
 def on_ramp(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Where a disparity [H, W] lies between those of two surfaces, as on a soft edge."""
-    lowest, highest, step = _around(disparity)
+    lowest, highest, step = _local_range(disparity)
     return np.asarray(np.minimum(disparity - lowest, highest - disparity) > step / 2)
 
 
-def _around(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
+def _local_range(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
     """The least and the greatest disparity around each pixel, and the limit of their difference."""
     reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
     lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
@@ -151,7 +151,7 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     every, step = _looked_at(depth)
     finer = math.isqrt(every.size // _SEARCHED) + 1
     every, step = every[::finer, ::finer], step * finer
-    lowest, highest, limit = _around(every)
+    lowest, highest, limit = _local_range(every)
     here = pixel.y // step, pixel.x // step
     smooth = highest - lowest <= limit
     alike = np.argwhere(smooth & (np.abs(every - every[here]) <= limit))
@@ -193,7 +193,7 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
     from defocus_core.tensors.clipped_lights import Runs
 
     width = mask.shape[1]
-    runs = Runs.of(torch.from_numpy(mask), 0)
+    runs = Runs.from_mask(torch.from_numpy(mask), 0)
     rows, columns = (torch.tensor([at]) for at in place)
     blob = runs.blobs(width)
     own = blob == blob[runs.holding(rows, columns, width)]
@@ -224,15 +224,15 @@ def with_blur_and_focus(
         near = ""
         if reading.invert is None and not own_format(picture.depth):
             reading, near = with_near_end(_depth_alone(picture, reading.as_relative()), reading)
-        taken = _of_relative(
+        chosen = _of_relative(
             picture, reading, given, whole_subject=whole_subject and lenses.file is None
         )
-        if not taken:
+        if not chosen:
             return lenses, reading
-        words = " ".join(f"‹{name}› {each.text}" for name, each in taken.items())
+        words = " ".join(f"‹{name}› {each.text}" for name, each in chosen.items())
         words += " ‹invert›" if near and reading.invert else ""
         note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
-        return replace(lenses, own={**lenses.own, **taken}), reading
+        return replace(lenses, own={**lenses.own, **chosen}), reading
     if lacking := missing_options(given):
         raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
     return lenses, reading
@@ -286,15 +286,15 @@ def options_of(
 
     `depth`: None if the focus is given.
     """
-    taken: dict[str, str] = {}
+    chosen: dict[str, str] = {}
     if "blur" not in given:
-        taken["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
+        chosen["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
     if depth is not None and not given.keys() & set(_UNFOCUSED):
         subject = subject_of(depth)
-        taken["focus-at"] = "{},{}".format(*subject.within(size))
+        chosen["focus-at"] = "{},{}".format(*subject.scaled(size))
         if whole_subject and (numbers := surface_of(depth, subject)):
-            taken["sharp-range"] = LENS_OPTIONS["sharp-range"].text(numbers)
-    return {name: parsed(name, text, CALLER.at(name)) for name, text in taken.items()}
+            chosen["sharp-range"] = LENS_OPTIONS["sharp-range"].text(numbers)
+    return {name: parsed(name, text, CALLER.with_field(name)) for name, text in chosen.items()}
 
 
 def _incomplete(
@@ -314,7 +314,7 @@ def _incomplete(
         words += [word for name in optics for word in (f"--{name}", LENS_OPTIONS[name].example)]
     if "focus" in lacking:
         subject = subject_of(_depth_alone(picture, reading))
-        words += ["--focus-at", LENS_OPTIONS["focus-at"].text(subject.within(size_of(picture)))]
+        words += ["--focus-at", LENS_OPTIONS["focus-at"].text(subject.scaled(size_of(picture)))]
     problem, remedy = missing_words(lacking), f"run: {command_line(words)}"
     return UsageProblem("missing-option", problem, remedy, field=lacking[0])
 

@@ -65,7 +65,7 @@ class InputPair:
     planes: tuple[Color, Depth] | None = None  # colour and depth, once decoded
 
     @classmethod
-    def of(cls, job: Job) -> InputPair:
+    def from_job(cls, job: Job) -> InputPair:
         """The picture of a job."""
         whole = job.outputs.keep_overscan
         return cls(job.picture, job.reading, job.lens_focal, whole=whole)

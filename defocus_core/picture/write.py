@@ -20,7 +20,7 @@ from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import link_or_copy, written_together
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
-from defocus_core.picture.steps.table import WRITE, through
+from defocus_core.picture.steps.table import WRITE, apply_steps
 from defocus_core.picture.take import Contents, Take, repair_attribute
 from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS, Kind
@@ -130,7 +130,7 @@ def _write_kind(take: Take, kind: Kind) -> list[str]:
     job, warnings = take.job, list[str]()
     layout = Layout(take.inputs.color.corner, None, kind.views)
     channels = _SOURCES[kind.source or "image" * kind.image](take, kind)
-    contents = through(WRITE, Contents(take, kind, *channels, layout))
+    contents = apply_steps(WRITE, Contents(take, kind, *channels, layout))
     channel = kind.channel or kind.name
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     compression = job.outputs.compression
@@ -349,7 +349,7 @@ def cut_border(contents: Contents) -> Contents:
     assert data is not None
     (height, width), (x, y) = contents.planes[0].shape, layout.corner
     frame = Window(x, y, x + width - 1, y + height - 1)
-    drawn = data.grown(Overscan(*[take.reach] * 4)).within(frame)
+    drawn = data.grown(Overscan(*[take.reach] * 4)).intersection(frame)
     if drawn == frame or drawn.width < 1 or drawn.height < 1:
         return contents
     rows, columns = frame.cut(drawn)
@@ -368,7 +368,7 @@ def disparity_map(take: Take) -> NDArray[Any]:
     if take.lens.spherical:
         nearer = _per_radius(take, nearer=True)
     radii = take.shown
-    far, near = (_between(corners, radii.shape) for corners in (beyond, nearer))
+    far, near = (_interpolated(corners, radii.shape) for corners in (beyond, nearer))
     disparity: NDArray[Any] = radii * np.where(radii < 0, near, far)
     return disparity.astype(radii.dtype, copy=False)
 
@@ -394,7 +394,7 @@ def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
     return corners
 
 
-def _between(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def _interpolated(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Values at the corners of cells of a frame, interpolated at its pixels."""
     if corners.size == 1:
         return corners

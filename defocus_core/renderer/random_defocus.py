@@ -30,7 +30,7 @@ from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.samples import Sample, like, planes_of
+from defocus_core.renderer.samples import Sample, planes_of, restored
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.threads import graph_break, own_modes, threaded
 from defocus_core.tensors.validation import (
@@ -315,9 +315,9 @@ class RandomDefocus(torch.nn.Module):
         with own_modes(image.device):
             views, lenses = self._defocused(image[None], maps[None], [seed])
         names = ("image", "left", "right")
-        made = {n: like(given, one[0]) for n, one in zip(names, views.images, strict=False)}
+        made = {n: restored(given, one[0]) for n, one in zip(names, views.images, strict=False)}
         lens = {name: float(getattr(lenses, name)) for name in OPTIONS}
-        return {**sample, **made, "coc": like(depth, lenses.signed_radius[0]), "lens": lens}
+        return {**sample, **made, "coc": restored(depth, lenses.signed_radius[0]), "lens": lens}
 
     def _defocused(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
@@ -376,7 +376,7 @@ class RandomDefocus(torch.nn.Module):
                 pixels = [max(round(extremes[n][2]), 1) for n in open_numbers]
                 percents = [options[n]["foc_dist"] for n in open_numbers]
                 ranks = list(map(percentile_rank, percents, pixels))
-                distances = _at(ascending, open_numbers, ranks)
+                distances = _ranked_values(ascending, open_numbers, ranks)
                 for n, foc_dist in zip(open_numbers, distances, strict=True):
                     options[n]["foc_dist"] = foc_dist
             found |= {n: self._suited(options[n], extremes[n][:2], size) for n in open_numbers}
@@ -443,7 +443,7 @@ def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> ViewTensors:
     return Renderer(Surface(image, radius), settings).picture()
 
 
-def _at(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:
+def _ranked_values(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:
     """The values of ranks, from 1, in some rows of [B, n]."""
     length = ascending.shape[1]
     index = torch.tensor([row * length + rank - 1 for row, rank in zip(rows, ranks, strict=True)])

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.axial_color import apart
+from defocus_core.optics.axial_color import channel_groups
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.engine.renderer import Renderer, repaired
@@ -121,8 +121,8 @@ def render(
     pictures, radii = _batched(image, signed_radius)
     if not len(pictures):
         return no_pictures(pictures, 3 if left_right else 1)
-    behind = _behind(hidden, pictures, radii)
-    colors = apart(color_offsets, pictures.shape[1])
+    behind = _known_layers(hidden, pictures, radii)
+    colors = channel_groups(color_offsets, pictures.shape[1])
     every = _settings_of_each(settings, infinity, len(pictures))
     mattes = [None] * len(pictures) if matte is None else _mattes(matte, radii)
     views = [
@@ -249,7 +249,7 @@ def _mattes(matte: Tensor, radii: Tensor) -> Tensor:
     return matte.to(radii.device).reshape(radii.shape)
 
 
-def _behind(
+def _known_layers(
     hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor
 ) -> list[HiddenLayer | None]:
     """The known layer behind each picture."""

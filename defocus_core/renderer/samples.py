@@ -28,7 +28,7 @@ def planes_of(name: str, value: Any) -> Tensor:
     return planes if isinstance(value, Tensor) else planes.movedim(-1, 0)
 
 
-def like(value: Any, planes: Tensor) -> Any:
+def restored(value: Any, planes: Tensor) -> Any:
     """Planes [C, H, W] in the class and the order of what a sample had."""
     planes = planes[0] if value.ndim == 2 else planes
     if isinstance(value, Tensor):

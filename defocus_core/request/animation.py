@@ -33,7 +33,7 @@ class Animation:
     keys: Mapping[str, Mapping[int, Given]]  # keys by option, then by frame, ascending
 
     @property
-    def taken(self) -> dict[str, str]:
+    def places(self) -> dict[str, str]:
         """The animated options and their alternatives, with their places."""
         return {
             same: str(_first(keys).place)
@@ -41,12 +41,14 @@ class Animation:
             for same in alternatives(name)
         }
 
-    def at(self, frame: int) -> dict[str, Given]:
+    def options_at(self, frame: int) -> dict[str, Given]:
         """The options of a frame, exact at a key."""
-        return {name: _at(LENS_OPTIONS[name], keys, frame) for name, keys in self.keys.items()}
+        return {
+            name: _value_at(LENS_OPTIONS[name], keys, frame) for name, keys in self.keys.items()
+        }
 
 
-def _at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
+def _value_at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
     frames = [*keys]
     after = bisect_right(frames, frame)
     is_between = 0 < after < len(frames) and frames[after - 1] != frame
@@ -59,15 +61,15 @@ def _at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
         problem = f"is {start.text}, whose value cannot be interpolated"
         raise UsageProblem("idle-option", problem, f"give it like {row.example}", path=start.place)
     fraction = (frame - first) / (last - first)
-    text = row.text(_between(row, start.value, end, fraction), _DIGITS)
+    text = row.text(_interpolated(row, start.value, end, fraction), _DIGITS)
     return Given(row.parse(text), text, start.place)
 
 
-def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
+def _interpolated(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
     """The value interpolated between two numbers, or of each of several."""
     if isinstance(first, tuple):
         pairs = zip(first, last, strict=True)
-        return type(first)(_between(row, *pair, fraction) for pair in pairs)
+        return type(first)(_interpolated(row, *pair, fraction) for pair in pairs)
     to, back = SCALES[row.even_in]
     value = back((1 - fraction) * to(first) + fraction * to(last))
     return round(value) if isinstance(first, int) else value
@@ -83,7 +85,7 @@ def read_animation(files: Iterable[str], table: Table | None = None) -> Animatio
         file, (option, is_curve, _) = root / text, text.partition("=")
         if is_curve and not file.exists():
             remedy = f"give CSV, with the header frame,{option} above its lines"
-            where = CALLER.at("animate") if table is None else table.place("file")
+            where = CALLER.with_field("animate") if table is None else table.place("file")
             raise UsageProblem("malformed", f"'{text}' is not a file of keys", remedy, path=where)
         is_toml = file.suffix.lower() == ".toml"
         keys = _keys_of(_animate_of(file)) if is_toml else read_keys(file)

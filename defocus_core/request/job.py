@@ -161,8 +161,8 @@ class Shot:
     @property
     def pictures(self) -> dict[int, PictureFiles]:
         """The pictures of these frames by number."""
-        taken = (each.picture for each in self.sample)
-        return {int(p.frame): p for p in taken if p.frame is not None}
+        pictures = (each.picture for each in self.sample)
+        return {int(p.frame): p for p in pictures if p.frame is not None}
 
     @property
     def files(self) -> dict[str, Path]:

@@ -306,7 +306,7 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
 def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
     if not _KNOWN_SET.issuperset(row):
         refuse_unknown(row, _KNOWN, where, "a row")
-    options = layer_of(row, LENS_OPTIONS, where.at)
+    options = layer_of(row, LENS_OPTIONS, where.with_field)
     paths = {
         name: file.parent / _path(row[key], where, key)
         for key, name in _FILES.items()
@@ -333,7 +333,7 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
 def _path(value: object, where: Place, key: str) -> str:
     if not isinstance(value, str) or not value or "\0" in value:
         problem, remedy = f"{value!r} is not a path", "write it in quotes"
-        raise InputError("malformed", problem, remedy, path=where.at(key))
+        raise InputError("malformed", problem, remedy, path=where.with_field(key))
     return value
 
 

@@ -31,7 +31,7 @@ def read_lens_file(file: Path) -> dict[str, Given]:
     stored = read_toml(file, what="lens file", remedy=remedy)
     rows = {**LENS_OPTIONS, **READING_OPTIONS}
     refuse_unknown(stored, tuple(rows), file, "a lens file")
-    return layer_of(stored, rows, Place(file).at)
+    return layer_of(stored, rows, Place(file).with_field)
 
 
 def reading_in(file: Path) -> Layer:

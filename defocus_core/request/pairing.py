@@ -139,7 +139,7 @@ def others_of(paths: Mapping[str, Path], where: Place) -> Others:
                 "missing-option",
                 f"stands without {other}",
                 "add that",
-                path=where.at(f"{role}-depth"),
+                path=where.with_field(f"{role}-depth"),
             )
     return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
 

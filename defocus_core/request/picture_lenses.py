@@ -29,7 +29,7 @@ from defocus_core.request.resolver import (
     lens_of,
     missing_options,
     refuse_optics,
-    refuse_taken,
+    refuse_repeated,
 )
 from defocus_core.system.text import note
 
@@ -75,10 +75,10 @@ class PictureLenses:
         listed = self._listed
         for name in sorted(listed):
             note(f"{self.own[name].place}: gives way to the lenses of [sweep] that set it")
-        refuse_taken({k: v for k, v in self.own.items() if k not in listed}, self.taken)
+        refuse_repeated({k: v for k, v in self.own.items() if k not in listed}, self.places)
         if self.metadata:
-            asked = {METADATA: Given(True, "", self.where.at(METADATA))}
-            in_pixels = "blur" in {*self.own, *self.taken}
+            asked = {METADATA: Given(True, "", self.where.with_field(METADATA))}
+            in_pixels = "blur" in {*self.own, *self.places}
             refuse_optics(asked, in_pixels=in_pixels, radii=self.radii)
 
     @property
@@ -89,14 +89,16 @@ class PictureLenses:
         return {name for name, value in own if value.place.field.startswith(LISTED)}
 
     @cached_property
-    def taken(self) -> dict[str, str]:
+    def places(self) -> dict[str, str]:
         """The animated, drawn or swept options, with their places."""
-        taken = {} if self.animation is None else self.animation.taken
+        places = {} if self.animation is None else self.animation.places
         tables = [*((options, "[sweep]") for options in self.points.values())]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
-            refuse_taken(layer, {name: words for name, words in taken.items() if words != table})
-            taken |= {same: table for name in layer for same in alternatives(name)}
-        return taken
+            refuse_repeated(
+                layer, {name: words for name, words in places.items() if words != table}
+            )
+            places |= {same: table for name in layer for same in alternatives(name)}
+        return places
 
     @property
     def count(self) -> int:
@@ -138,7 +140,7 @@ class PictureLenses:
         self._check(self.options, {}, None)
         return lens_of(self.options)
 
-    def of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
+    def lens_of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
         """The lens of a picture that has one, and the options from its metadata."""
         if self.fixed is not None:
             return self.fixed, {}
@@ -154,7 +156,7 @@ class PictureLenses:
 
         `numbers`: indices of the lenses, ascending; `row`: options of this picture alone.
         """
-        refuse_taken(row, self.taken)
+        refuse_repeated(row, self.places)
         points = [*self.points.items()]
         draws, alike = self.sampling.count, not (self.varies or row)
         options, metadata = (self.options, _NONE) if alike else self._options(picture, row)
@@ -195,11 +197,11 @@ class PictureLenses:
         """The options of the lens file, below others."""
         if self.file is None:
             return {}
-        in_pixels = "blur" in above or "blur" in self.taken
+        in_pixels = "blur" in above or "blur" in self.places
         if in_pixels not in self._stored:
             from defocus_core.request.lens_files import lens_in
 
-            where = self.where.at(self.file_key)
+            where = self.where.with_field(self.file_key)
             stored = lens_in(self.file, where, in_pixels=in_pixels, radii=self.radii)
             self._stored[in_pixels] = stored
         return self._stored[in_pixels]
@@ -223,4 +225,4 @@ class PictureLenses:
             raise UsageProblem(
                 "idle-option", problem, "give patterns like 'shot.####.exr'", field="animate"
             )
-        return self.animation.at(picture.frame)
+        return self.animation.options_at(picture.frame)

@@ -193,7 +193,9 @@ def blades(text: str) -> int:
     return count
 
 
-def within(minimum: float, maximum: float, what: str, example: str) -> Callable[[str], float]:
+def number_within(
+    minimum: float, maximum: float, what: str, example: str
+) -> Callable[[str], float]:
     """A parser of plain numbers from ``minimum`` to ``maximum``; infinite for no limit."""
 
     def parse(text: str) -> float:
@@ -268,8 +270,8 @@ def pair(
 
 _LIGHTS = "like 0.93:8"
 _clipped = pair(
-    within(0, 0.999, "a threshold in linear light", _LIGHTS),
-    within(1, 1000, "a gain", _LIGHTS),
+    number_within(0, 0.999, "a threshold in linear light", _LIGHTS),
+    number_within(1, 1000, "a gain", _LIGHTS),
     "no THRESHOLD:GAIN",
     f"write auto, or {_LIGHTS}",
 )
@@ -283,8 +285,8 @@ def highlights(text: str) -> tuple[float, float] | None:
 
 _RIM = "like 1.05:1.5"
 rim = pair(  # radius and distance of the rim, in radii of the opening
-    within(0.1, 10, "the radius of a rim", _RIM),
-    within(0, 100, "the distance of a rim", _RIM),
+    number_within(0.1, 10, "the radius of a rim", _RIM),
+    number_within(0, 100, "the distance of a rim", _RIM),
     "not the rim of a barrel",
     f"write it {_RIM}",
 )
@@ -297,7 +299,7 @@ def _shift(text: str) -> float:
     return mm
 
 
-_SHARE = within(-1, 1, "a share of the blur", "like 0.1")
+_SHARE = number_within(-1, 1, "a share of the blur", "like 0.1")
 _LIKE = "no RED:BLUE", "write it like 0.1mm:0.05mm"
 _shifts, _shares = pair(_shift, _shift, *_LIKE), pair(_SHARE, _SHARE, *_LIKE)
 
@@ -309,7 +311,7 @@ def shifts(text: str) -> tuple[float, float]:
 
 
 def _electrons(minimum: float) -> Callable[[str], float]:
-    parse = within(minimum, _MAX_ELECTRONS, "a number of electrons", "like 4000:3")
+    parse = number_within(minimum, _MAX_ELECTRONS, "a number of electrons", "like 4000:3")
     return lambda text: parse(text.strip().removesuffix("e"))
 
 

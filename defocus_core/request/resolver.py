@@ -146,13 +146,13 @@ def refuse_contradiction(layer: Layer) -> None:
             raise UsageProblem("contradiction", problem, "give one of them", path=place)
 
 
-def refuse_taken(layer: Layer, taken: Mapping[str, str]) -> None:
+def refuse_repeated(layer: Layer, places: Mapping[str, str]) -> None:
     """Raise UsageProblem for an option that is set in a second place for all pictures.
 
-    `taken`: names to the places that set them.
+    `places`: names to the places that set them.
     """
-    for name in layer.keys() & taken.keys():
-        problem = f"is in {taken[name]}, too"
+    for name in layer.keys() & places.keys():
+        problem = f"is in {places[name]}, too"
         raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
 
 
@@ -250,7 +250,7 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
         remedy = f"add {', '.join(ways)}, or a ‹lens› FILE that has {it}"
         if "focal-length" in missing:
             remedy += "; or, of depth without a unit, ‹blur› 2% and ‹focus-at› X,Y instead"
-    raise UsageProblem("missing-option", problem, remedy, path=where.at(missing[0]))
+    raise UsageProblem("missing-option", problem, remedy, path=where.with_field(missing[0]))
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:

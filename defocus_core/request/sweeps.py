@@ -98,7 +98,10 @@ def _sets(table: Table) -> list[dict[str, Given]]:
     _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
     return [
-        {name: given(name, value, where.at(f"{LISTED}{name}")) for name, value in one.items()}
+        {
+            name: given(name, value, where.with_field(f"{LISTED}{name}"))
+            for name, value in one.items()
+        }
         for one in sets
     ]
 

@@ -24,7 +24,7 @@ class Box(NamedTuple):
     width: int
 
     @classmethod
-    def over(cls, down: Span, across: Span) -> Box:
+    def from_spans(cls, down: Span, across: Span) -> Box:
         """The rectangle of a span of rows and a span of columns."""
         return cls(down.first, across.first, down.length, across.length)
 
@@ -45,19 +45,19 @@ class Box(NamedTuple):
         beside = min(self.left + self.width + by, within.left + within.width)
         return Box(top, left, below - top, beside - left)
 
-    def around(self, by: int) -> Box:
+    def enlarged(self, by: int) -> Box:
         """The rectangle enlarged by `by` px on all sides, not cut."""
         return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
 
     def shrunk(self, by: int) -> Box:
         """The rectangle reduced by `by` px on all sides; its size may become negative."""
-        return self.around(-by)
+        return self.enlarged(-by)
 
     def seen_from(self, other: Box) -> Box:
         """The same rectangle counted from the corner of another."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
-    def of(self, picture: Tensor) -> Tensor:
+    def crop(self, picture: Tensor) -> Tensor:
         """The window of a picture [..., H, W] in this rectangle."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
@@ -73,7 +73,7 @@ class Span(NamedTuple):
         """The number of samples; not positive if there are none."""
         return self.end - self.first
 
-    def within(self, other: Span) -> Span:
+    def intersection(self, other: Span) -> Span:
         """The intersection with another span."""
         return Span(max(self.first, other.first), min(self.end, other.end))
 
@@ -113,7 +113,7 @@ class Grid(NamedTuple):
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
-    def within(self, box: Box) -> Grid | None:
+    def cut(self, box: Box) -> Grid | None:
         """The tiles cut to a rectangle; None if it holds no tile."""
         cut = [tile.grown(0, box) for tile in self.tiles]
         left = [tile for tile in cut if min(tile[2:]) > 0]

@@ -149,7 +149,7 @@ class _Lamps(NamedTuple):
     hue: Tensor  # [C, n] colour of the rim, whose brightest channel is 1
     says_hue: Tensor  # [n] how far there is a rim, 0 to 1
 
-    def of(self, which: Tensor) -> _Lamps:
+    def select(self, which: Tensor) -> _Lamps:
         """The lamps of some indices."""
         return _Lamps(*(values[..., which] for values in self))
 
@@ -181,7 +181,7 @@ def _found(
     levels = []
     for level, (low, high) in zip(runs_of_level, pairs, strict=True):
         runs, values = zip(*level, strict=True)
-        joined = Runs.joined([*runs])
+        joined = Runs.concatenate([*runs])
         lamps = _lamps(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
         levels.append(_BlobLevel(low, high, joined, lamps))
     return levels, _count(levels, threshold, size[1])
@@ -204,7 +204,7 @@ def _band(
     """
     own, bright = light[:, rows[0] - top : rows[1] - top], light.amax(0)
     dark = bright <= level
-    runs = Runs.of(~dark[rows[0] - top : rows[1] - top], rows[0])
+    runs = Runs.from_mask(~dark[rows[0] - top : rows[1] - top], rows[0])
     if not len(runs.row):
         return runs, light.new_zeros(6 + 2 * len(light), 0).double()
     width, coarse_pixel = light.shape[-1], max(1, around // _COARSE)
@@ -212,22 +212,22 @@ def _band(
     summed = torch.stack([_step(own.amin(0), *_HUE), blur]).flatten(1)
     sums = pad(summed.cumsum(1, dtype=torch.float64), (1, 0))
     inside = sums[:, start + runs.end] - sums[:, start + runs.first]
-    beside = _beside(torch.cat([bright[None], light]), dark, level, around)
-    ground = _within(beside[:, (runs.row - top) // coarse_pixel], runs, coarse_pixel)
+    beside = _surrounding_mean(torch.cat([bright[None], light]), dark, level, around)
+    ground = _run_sums(beside[:, (runs.row - top) // coarse_pixel], runs, coarse_pixel)
     rim = _rim(light, bright, runs._replace(row=runs.row - top), level, reach)
     return runs, torch.cat([inside, ground, rim])
 
 
-def _within(values: Tensor, runs: Runs, coarse_pixel: int) -> Tensor:
+def _run_sums(values: Tensor, runs: Runs, coarse_pixel: int) -> Tensor:
     """The sums [K, n] over the pixels of runs of values [K, n, W'] in coarse pixels of rows."""
     sums, values = pad(values.cumsum(2), (1, 0)), pad(values, (0, 1))
 
-    def up_to(column: Tensor) -> Tensor:
+    def cumulated(column: Tensor) -> Tensor:
         at = (column // coarse_pixel)[None, :, None].expand(len(values), -1, 1)
         whole, part = sums.gather(2, at)[..., 0], values.gather(2, at)[..., 0]
         return coarse_pixel * whole + column % coarse_pixel * part
 
-    return up_to(runs.end) - up_to(runs.first)
+    return cumulated(runs.end) - cumulated(runs.first)
 
 
 def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) -> Tensor:
@@ -259,7 +259,7 @@ def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) ->
     return total / 2
 
 
-def _beside(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
+def _surrounding_mean(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
     """Mean values [K] of the dark pixels around each coarse pixel, or the level if none is dark."""
     coarse_pixel = max(1, around // _COARSE)
     down, across = (-n % coarse_pixel for n in dark.shape)
@@ -297,8 +297,10 @@ def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _La
         [max(fraction * across, px) for fraction, px in zip(fractions, _MIN_PX, strict=True)]
         for fractions in (_COLORED, _WHITE)
     )
-    small = 1 - _step(area.sqrt(), *_between(of_color, of_white, white))
-    apart = 1 - _step(beside / (area * level), *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
+    small = 1 - _step(area.sqrt(), *_interpolated(of_color, of_white, white))
+    apart = 1 - _step(
+        beside / (area * level), *_interpolated(_COLORED_BESIDE, _WHITE_BESIDE, white)
+    )
     # excess of the rim over the surroundings, as a share of that of white; for a blob without a
     # rim, whose border is a mixture, the two are about equal in all colours
     glow = ((totals[7 + colors :] / weight.clamp(min=_TINY) - ground) / (1 - ground)).clamp(min=0)
@@ -312,7 +314,7 @@ def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _La
         disc=(within / (math.pi * radius**2)).clamp(max=1),
         hue=hue,
         says_hue=_step(maximum, *_SAYS_HUE) * _step(1 - hue.amin(0), *_SATURATED),
-    ).of(blob)
+    ).select(blob)
 
 
 def _length(runs: Runs, blob: Tensor) -> Tensor:
@@ -326,7 +328,9 @@ def _length(runs: Runs, blob: Tensor) -> Tensor:
     return down.maximum(ends(runs.end, "amax") - ends(runs.first, "amin"))
 
 
-def _between(colored: Sequence[float], white: Sequence[float], fraction: Tensor) -> list[Tensor]:
+def _interpolated(
+    colored: Sequence[float], white: Sequence[float], fraction: Tensor
+) -> list[Tensor]:
     """Bounds of blobs, interpolated from those of coloured ones (0) to those of white ones (1)."""
     return [a + (b - a) * fraction for a, b in zip(colored, white, strict=True)]
 
@@ -361,7 +365,7 @@ def _lit(
     """The picture with the light of its blobs added."""
 
     def of_box(box: Box) -> Tensor:
-        window = box.of(image)
+        window = box.crop(image)
         light, rest = _wide(window).tensor_split([colors])
         bright = light.amax(0)
         at = positions_of(bright.detach() > levels[0].low)
@@ -377,7 +381,7 @@ def _lit(
                 _step(shining[above].clamp(max=bound), threshold, 1) for bound in (low, high)
             )
             upper = upper if high < 1 else _step(shining[above], threshold, 1)
-            lamp = _Lamps(*(values.to(change) for values in lamps.of(run)))
+            lamp = _Lamps(*(values.to(change) for values in lamps.select(run)))
             own = colors_there[:, above]
             true = torch.lerp(own, shining[above] * lamp.hue, lamp.says_hue)
             more = (upper - lower) * lamp.fraction * (lamp.gain(gain) * true - own)
@@ -396,14 +400,14 @@ class Runs(NamedTuple):
     end: Tensor  # [n] column after its last pixel
 
     @classmethod
-    def of(cls, mask: Tensor, top: int) -> Runs:
+    def from_mask(cls, mask: Tensor, top: int) -> Runs:
         """The runs of rows [h, W] of a mask, of which the first is row `top`."""
         steps = torch.nn.functional.pad(mask.to(torch.int8), (1, 1)).diff(dim=1)
         row, first = torch.nonzero(steps > 0).unbind(1)
         return cls(row + top, first, torch.nonzero(steps < 0)[:, 1])
 
     @classmethod
-    def joined(cls, bands: list[Runs]) -> Runs:
+    def concatenate(cls, bands: list[Runs]) -> Runs:
         """The runs of bands, joined from the top down."""
         return cls(*(torch.cat(part) for part in zip(*bands, strict=True)))
 

@@ -106,7 +106,7 @@ def in_bands(
     `margin`: px around a box on which its pixels depend; bands are much higher.
     """
     rows = bands_of(size, device, _BAND_OF_MARGIN * margin)
-    boxes = [Box.over(Span(*band), Span(0, size[1])) for band in rows]
+    boxes = [Box.from_spans(Span(*band), Span(0, size[1])) for band in rows]
     return torch.cat(list(threaded(function, boxes, threads)), -2)
 
 
@@ -122,7 +122,7 @@ def repaired(
 
     def of_box(box: Box) -> Tensor:
         window = box.grown(around, Box(0, 0, height, width))
-        pictures = map(window.of, (signed_radius, *others))
-        return box.seen_from(window).of(repair(*pictures))
+        pictures = map(window.crop, (signed_radius, *others))
+        return box.seen_from(window).crop(repair(*pictures))
 
     return in_bands(of_box, (height, width), signed_radius.device, margin=around, threads=threads)

@@ -33,7 +33,7 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
     for dim in (-2, -1):
         reached = 0
         while step := min(by - reached, 2 * reached + 1, values.shape[dim] - 1):
-            values = _joined(values, step, dim, choice)
+            values = _shifted_extreme(values, step, dim, choice)
             reached += step
     return values
 
@@ -63,7 +63,7 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
     return y * size[1] + x
 
 
-def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
+def _shifted_extreme(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
     """The extreme of each value and the values `step` px before and after it, cut at the ends."""
     extreme, n = values.clone(), values.shape[dim]
     rest = n - step
@@ -119,7 +119,7 @@ def flat_nonzero(mask: Tensor) -> Tensor:
     return torch.cat([numbers, torch.nonzero(flat[end:])[:, 0] + end])
 
 
-def taken(values: Tensor, mask: Tensor) -> Tensor:
+def masked_values(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
     On other devices than a CPU, where the host would wait for n, all values, 0 outside the mask.

@@ -201,13 +201,13 @@ def linear(
     """Coarse pixels [h, w] interpolated linearly in a window of a picture of a size."""
     values = coarse
     for dim, (first, end) in enumerate((rows, columns)):
-        before, after, fraction = beside(coarse, dim, first, end, size[dim])
+        before, after, fraction = coarse_neighbours(coarse, dim, first, end, size[dim])
         low, high = values.index_select(dim, before), values.index_select(dim, after)
         values = low + fraction.unsqueeze(1 - dim) * (high - low)
     return values
 
 
-def beside(
+def coarse_neighbours(
     coarse: Tensor, dim: int, first: int, end: int, length: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The coarse pixels before and after each pixel of an axis, and its fraction of the way."""

@@ -237,7 +237,7 @@ def broadcast(first: torch.Size, second: torch.Size) -> bool:
     return all(a == b or 1 in (a, b) for a, b in pairs)
 
 
-def between(name: str, limits: Any, z: Tensor) -> Tensor:
+def distance_within(name: str, limits: Any, z: Tensor) -> Tensor:
     """Whether distances z in mm lie within limits, inclusive."""
     wanted = f"{name} must be (nearest, farthest) in mm, got {described(limits)}; None is no range"
     if not (isinstance(limits, Sequence) and len(limits) == 2):

@@ -55,24 +55,24 @@ class ViewTensors(NamedTuple):
             images=[image.to(dtype) for image in images], trust=self.trust.to(dtype)
         )
 
-    def within(self, box: Box) -> ViewTensors:
+    def crop(self, box: Box) -> ViewTensors:
         """The part of the views that lies in a box of the frame, without counts."""
         window = box.seen_from(self.box)
         return ViewTensors(
-            [window.of(image) for image in self.images], window.of(self.trust), {}, box
+            [window.crop(image) for image in self.images], window.crop(self.trust), {}, box
         )
 
 
-def joined(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
+def assemble(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
     """Rows of views that lie side by side, joined to one."""
     parts = [part for row in rows for part in row]
     first, last = parts[0].box, parts[-1].box
     kinds = range(len(parts[0].images))
     return ViewTensors(
-        [_joined([[part.images[kind] for part in row] for row in rows]) for kind in kinds],
-        _joined([[part.trust for part in row] for row in rows]),
+        [_assembled([[part.images[kind] for part in row] for row in rows]) for kind in kinds],
+        _assembled([[part.trust for part in row] for row in rows]),
         added(part.stats for part in parts),
-        Box.over(
+        Box.from_spans(
             Span(first.sides[0].first, last.sides[0].end),
             Span(first.sides[1].first, last.sides[1].end),
         ),
@@ -82,11 +82,11 @@ def joined(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
 def batch(pictures: Sequence[ViewTensors]) -> ViewTensors:
     """The views of pictures of one size, stacked along a new first dimension."""
 
-    def together(tensors: Sequence[Tensor]) -> Tensor:
+    def stack(tensors: Sequence[Tensor]) -> Tensor:
         return torch.stack(list(tensors)) if len(tensors) > 1 else tensors[0][None]
 
-    images = [together(kind) for kind in zip(*(one.images for one in pictures), strict=True)]
-    trust = together([one.trust for one in pictures])
+    images = [stack(kind) for kind in zip(*(one.images for one in pictures), strict=True)]
+    trust = stack([one.trust for one in pictures])
     return ViewTensors(images, trust, added(one.stats for one in pictures), pictures[0].box)
 
 
@@ -104,7 +104,7 @@ def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
     return total
 
 
-def _joined(rows: list[list[Tensor]]) -> Tensor:
+def _assembled(rows: list[list[Tensor]]) -> Tensor:
     """Rows of pictures [..., h, w] that lie side by side, joined to one."""
     if torch.is_grad_enabled():
         return torch.cat([torch.cat(row, -1) for row in rows], -2)

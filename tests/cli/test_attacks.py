@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from batches import again, folders
 from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
-from records import pack, record, taken
+from records import completed, pack, record
 from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index, update
@@ -120,7 +120,7 @@ def test_shards_in_a_linked_folder_are_neither_written_nor_removed(tmp_path, min
     tar = mine.parent / "samples-000001.tar"
     tar.write_text("mine")
     out = tmp_path / "out"
-    records = [taken(out, "a")]
+    records = [completed(out, "a")]
     (out / "shards").symlink_to(mine.parent)
     with refuses("unwritable", "symbolic link"):
         pack(out, records, 1000)

@@ -144,7 +144,7 @@ def fitted(to):
     whole = Scale(to(image), to(disparity), to(seen)[None], clipped(to(image)))
     residual = Residual(whole, render, exposure=True, infinity=0.0)
     point = Point(far=3.4, near=-5.1, across=0.5, growth=0.01)
-    return [x for scale in (whole, whole.reduced(32)) for x in residual.of(point, scale)]
+    return [x for scale in (whole, whole.reduced(32)) for x in residual.differences(point, scale)]
 
 
 # What is computed, and the most that it may differ by, beside what the device may.

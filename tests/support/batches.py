@@ -8,7 +8,7 @@ from command_line import pair, render
 from msgspec.structs import replace
 
 from defocus_core.batch.journal import resume
-from defocus_core.batch.journal.record import Taken
+from defocus_core.batch.journal.record import Completed
 from defocus_core.request.lens import lens_record
 
 JOBS = """
@@ -86,7 +86,7 @@ def _pretended(job, out):
         (out / path).parent.mkdir(exist_ok=True)
         (out / path).write_text(path)
         outputs[name] = replace(resume.stamp(out / path), path=path)
-    return Taken(
+    return Completed(
         inputs={r: resume.stamp(p) for r, p in job.picture.files.items()},
         outputs=outputs,
         lens=lens_record(job.lens),

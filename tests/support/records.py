@@ -33,7 +33,7 @@ def pack(out, records, limit):
     return tar_shards.write(out, limit)
 
 
-def taken(out, name, *of, **more):
+def completed(out, name, *of, **more):
     """The `Record` of a sample that is done."""
     return record_of(msgspec.json.encode(record(out, name, *of, **more)))
 

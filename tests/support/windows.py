@@ -12,7 +12,7 @@ def put_together(renderer, at_once=None):
             pixels = getattr(part, kind)
             if pixels is not None:
                 whole = found.setdefault(kind, torch.full((*pixels.shape[:-2], H, W), torch.nan))
-                part.box.of(whole).copy_(pixels)
+                part.box.crop(whole).copy_(pixels)
     return found
 
 

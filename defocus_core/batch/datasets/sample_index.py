@@ -20,7 +20,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from defocus_core.batch.journal.record import Record, Taken
+from defocus_core.batch.journal.record import Completed, Record
 from defocus_core.batch.journal.runs import INDEX
 from defocus_core.io.below import Folder
 from defocus_core.picture.take import MEASURES
@@ -42,7 +42,7 @@ def newest(records: Iterable[Record]) -> Iterator[Record]:
 
     `records`: records of the journal by name, oldest first.
     """
-    pictures = (r for r in records if r.taken and not r.outputs.keys().isdisjoint(KINDS))
+    pictures = (r for r in records if r.completed and not r.outputs.keys().isdisjoint(KINDS))
     for _, mine in groupby(pictures, lambda record: record.sample_id):
         *_, last = mine
         yield last
@@ -83,9 +83,9 @@ def split_lists(out: Path) -> Iterator[str]:
         yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
 
 
-def _pictures(record: Record) -> Taken:
-    assert record.taken is not None  # of a sample
-    return record.taken
+def _pictures(record: Record) -> Completed:
+    assert record.completed is not None  # of a sample
+    return record.completed
 
 
 def line(entry: Mapping[str, Any]) -> bytes:
@@ -95,13 +95,15 @@ def line(entry: Mapping[str, Any]) -> bytes:
 
 def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
     """The entry of a sample in the index."""
-    taken = _pictures(record)
-    labels = [name for name in taken.outputs if is_label(name)]
-    outputs = {kind: taken.outputs[kind] for kind in (*KINDS, *labels) if kind in taken.outputs}
+    completed = _pictures(record)
+    labels = [name for name in completed.outputs if is_label(name)]
+    outputs = {
+        kind: completed.outputs[kind] for kind in (*KINDS, *labels) if kind in completed.outputs
+    }
     paths = {kind: stamp.path for kind, stamp in outputs.items()}
     first, *others = sorted(paths, key=lambda kind: kind in labels or not KINDS[kind].image)
-    (near, far), (width, height) = taken.coc_px, taken.size
-    repair = taken.depth_repair or {}
+    (near, far), (width, height) = completed.coc_px, completed.size
+    repair = completed.depth_repair or {}
     return {
         f"{first}_file_name" if "image" in paths else "file_name": paths[first],
         **{f"{kind}_file_name": paths[kind] for kind in others if decoded(paths[kind])},
@@ -115,15 +117,15 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
             for role, stamp in record.inputs.items()
             if role not in labels and not role.startswith(FRAME_ROLE)  # other frames of a shot
         },
-        "lens": _lens(taken.lens),
+        "lens": _lens(completed.lens),
         "coc_min_px": float(near),
         "coc_max_px": float(far),
-        **{name: taken.measures.get(name) for name in MEASURES},
+        **{name: completed.measures.get(name) for name in MEASURES},
         "quality": record.quality,
         # The repairs of the depth, and the share of the changed pixels.
         "depth_repaired": list(repair.get("kinds", ())),
         "depth_repaired_share": repair.get("share"),
-        "warnings": list(taken.warnings),
+        "warnings": list(completed.warnings),
         "outputs_blake2b": {kind: stamp.blake2b for kind, stamp in outputs.items()},
         "inputs_blake2b": {role: stamp.blake2b for role, stamp in record.inputs.items()},
         "version": record.version,
@@ -134,8 +136,11 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
 
 def made_by(record: Record) -> str:
     """The program and versions that made a sample, in words."""
-    taken, renderer = _pictures(record), f"renderer {record.renderer} ({_pictures(record).back})"
-    return ", ".join(filter(None, [f"defocus {record.version}", renderer, taken.software]))
+    completed, renderer = (
+        _pictures(record),
+        f"renderer {record.renderer} ({_pictures(record).back})",
+    )
+    return ", ".join(filter(None, [f"defocus {record.version}", renderer, completed.software]))
 
 
 def decoded(path: str) -> bool:

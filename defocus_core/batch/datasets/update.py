@@ -102,7 +102,7 @@ def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
     gone = list[str]()
     for name, mine in groupby(records, lambda record: record.sample_id):
         every = [*mine]
-        files = ((kind, s.path) for r in every if r.taken for kind, s in r.outputs.items())
+        files = ((kind, s.path) for r in every if r.completed for kind, s in r.outputs.items())
         if all((out / path).exists() for kind, path in files if not kind.endswith(PREVIEW)):
             yield from every
         else:

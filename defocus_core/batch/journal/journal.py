@@ -171,7 +171,7 @@ class Ledger:
         with without_collections():
             for place, reader in enumerate(self._journals):
                 for begin, record, _ in reader.lines():
-                    back = record.taken.back if record.taken else ""
+                    back = record.completed.back if record.completed else ""
                     found = Outcome(record.status, record.end.reason, back)
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)

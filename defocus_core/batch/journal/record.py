@@ -1,7 +1,7 @@
 """The record of a job, a line of a journal: request, inputs, outputs and outcome.
 
 `record_of` makes a `Record` of a line, and `line_of` the line of one: the fields of `Asked`, and
-those of `Taken` or `Failed`, as its status says. ``defocus help batch`` explains them.
+those of `Completed` or `Failed`, as its status says. ``defocus help batch`` explains them.
 Journals are not trusted: type, range and finiteness of each value are checked.
 An output must be a file in the folder of its kind in OUT, since outputs are packed into shards, and
 removed when replaced. Index and ``--json`` are views of records.
@@ -84,7 +84,7 @@ class Seconds(TypedDict, total=False):
     cpu: float
 
 
-class Taken(Struct, frozen=True, kw_only=True):
+class Completed(Struct, frozen=True, kw_only=True):
     """A rendered picture, whose outputs are in place."""
 
     inputs: dict[str, Stamp]
@@ -125,7 +125,7 @@ class Failed(Struct, frozen=True):
         return Failed, (self.reason, self.message, self.inputs, self.outputs, self.trace)
 
 
-End = Taken | Failed
+End = Completed | Failed
 _UNKEPT = ("end", "stats", "trace", "error")
 
 
@@ -149,9 +149,9 @@ class Record(Asked, frozen=True, kw_only=True):
     end: End
 
     @property
-    def taken(self) -> Taken | None:
+    def completed(self) -> Completed | None:
         """The picture; None for a failed job."""
-        return self.end if isinstance(self.end, Taken) else None
+        return self.end if isinstance(self.end, Completed) else None
 
     @property
     def inputs(self) -> Stamps:
@@ -198,7 +198,7 @@ class _Settings(Struct):
     reading: dict[str, Any] | None = None
 
 
-_ASKED, _TAKEN, _FAILED = Decoder(Asked), Decoder(Taken), Decoder(Failed)
+_ASKED, _COMPLETED, _FAILED = Decoder(Asked), Decoder(Completed), Decoder(Failed)
 NO_LINKS: frozenset[str] = frozenset()
 
 
@@ -212,12 +212,12 @@ def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
         DecodeError, UnicodeDecodeError, RecursionError: It is not JSON.
     """
     asked = _ASKED.decode(line)
-    end: End = _TAKEN.decode(line) if asked.status == "ok" else _FAILED.decode(line)
+    end: End = _COMPLETED.decode(line) if asked.status == "ok" else _FAILED.decode(line)
     convert(asked.settings, _Settings)
     if "color" not in end.inputs:
         raise ValidationError("Object has no color among its inputs")
     require_outputs(end, linked)
-    if isinstance(end, Taken):
+    if isinstance(end, Completed):
         _require_lens(end.lens)
     return Record(**{**asdict(asked), "status": end.status}, end=end)
 

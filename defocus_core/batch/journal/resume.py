@@ -210,7 +210,7 @@ def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> Decision:
     moved = _moved(job, record, ledger.out, read_inputs=read_inputs)
     if moved is None:
         return Decision(False, AGAIN["inputs"])
-    if record.taken is not None:
+    if record.completed is not None:
         stamps = record.outputs.values()
         there = all(unchanged(f"{ledger.out}/{stamp.path}", stamp) for stamp in stamps)
         if not there or record.outputs.keys() != names.keys():
@@ -249,7 +249,7 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
         # Size and time do not identify a moved file: archives may give all files one time.
         elsewhere = stamp.path != (place := input_path(path, out))
         if not unchanged(path, stamp, read=read_inputs or elsewhere):
-            if not path.exists() and record.taken is not None:
+            if not path.exists() and record.completed is not None:
                 continue  # a missing input cannot change the outputs
             return None
         if elsewhere:
@@ -260,7 +260,7 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
 def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> None:
     """Refuse to replace outputs of another picture and, with ``keep_lenses``, of another lens."""
 
-    def taken(asked: Mapping[str, Any]) -> tuple[Any, Any]:
+    def lens_and_view(asked: Mapping[str, Any]) -> tuple[Any, Any]:
         return asked.get("lens") or {}, (asked.get("reading") or {}).get("view")
 
     for job in jobs if ledger.last else ():
@@ -268,15 +268,15 @@ def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> 
             path, number = ledger.out / name, ledger.last.get(name)
             if number is None or not path.exists():
                 continue
-            now = taken(settings(job))
+            now = lens_and_view(settings(job))
             record = ledger.record(number)
             before = ledger.out.resolve() / record.inputs["color"].path
-            was = taken(record.settings)
+            was = lens_and_view(record.settings)
             if before.exists() and before.resolve() != job.picture.color.resolve():
                 other = f"made of another picture, {before.resolve()}"
-            elif keep_lenses and record.taken is not None and was != now:
+            elif keep_lenses and record.completed is not None and was != now:
                 view = f", view {was[1]}" if was[1] != now[1] else ""
-                other = f"taken otherwise: {lens_record_words(record.taken.lens)}{view}"
+                other = f"taken otherwise: {lens_record_words(record.completed.lens)}{view}"
             else:
                 continue
             remedy = "choose another -o, or add ‹overwrite› to replace it"

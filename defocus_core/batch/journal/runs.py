@@ -100,7 +100,7 @@ def _held(path: Path) -> Iterator[int]:
     """Hold a lock, and remove its file after the block; an error names another holder."""
     end = time.monotonic() + PATIENCE
     try:
-        while (number := _taken(path)) is None:
+        while (number := _try_lock(path)) is None:
             if time.monotonic() > end:
                 problem = f"{path.parent} is being written by {holder(path) or 'another process'}"
                 remedy = "wait for it, stop it, or choose another -o"
@@ -123,7 +123,7 @@ def _held(path: Path) -> Iterator[int]:
         os.close(number)
 
 
-def _taken(path: Path) -> int | None:
+def _try_lock(path: Path) -> int | None:
     """The open file of the acquired lock; None if another process holds it."""
     number = Folder(path.parent).append(path.name)
     try:
@@ -218,14 +218,14 @@ def gather(out: Path) -> list[Shard]:
     parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
     if parts:
         with written_whole(journal_path(out)) as file:
-            file.writelines(_joined([None, *parts], out))
+            file.writelines(_merged_lines([None, *parts], out))
         sync_folder(out)  # before the journals of the shards are removed
     for shard in parts:
         journal_path(out, shard).unlink()
     return parts
 
 
-def _joined(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
+def _merged_lines(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
     """The lines of journals without duplicates."""
     known = set[bytes]()
     for part in parts:

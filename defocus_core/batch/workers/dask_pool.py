@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal import resume, runs
-from defocus_core.batch.journal.record import End, Taken
+from defocus_core.batch.journal.record import Completed, End
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.pool import Lost, dispatch
 from defocus_core.batch.workers.run import Chunk, Done, Execute
@@ -128,8 +128,8 @@ class _Cluster:
         worker, results = answer["worker"], answer["results"]
         if worker in self.trusted and results:
             return
-        taken = (end.outputs for end in results if isinstance(end, Taken))
-        path = next((stamp.path for outputs in taken for stamp in outputs.values()), None)
+        written = (end.outputs for end in results if isinstance(end, Completed))
+        path = next((stamp.path for outputs in written for stamp in outputs.values()), None)
         if not results or (path and not _is_seen(root / path)):
             problem = f"is another folder on the Dask worker {worker}"
             remedy = "name one that all workers share, under the same path"

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, cast
 import msgspec
 
 from defocus_core.batch.journal import resume
-from defocus_core.batch.journal.record import Failed, Repair, Seconds, Stamp, Taken, failure
+from defocus_core.batch.journal.record import Completed, Failed, Repair, Seconds, Stamp, failure
 from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture import plain_path
@@ -77,7 +77,7 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
     return stamps
 
 
-def write(take: Take | Failed) -> Taken | Failed:
+def write(take: Take | Failed) -> Completed | Failed:
     """Write the outputs of a job, which are durable when this returns."""
     if isinstance(take, Failed):
         return take
@@ -98,7 +98,7 @@ def write(take: Take | Failed) -> Taken | Failed:
         write=round(time.perf_counter() - start, 4),
         cpu=round(take.cpu_seconds, 4),
     )
-    return Taken(
+    return Completed(
         inputs=dict(inputs),
         outputs=outputs,
         lens=lens_record(take.lens),

@@ -20,7 +20,7 @@ from msgspec.structs import replace as copy
 
 from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
-from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, Taken, now
+from defocus_core.batch.journal.record import Completed, End, Failed, Record, Stamp, Stamps, now
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.replacing import replaces_input
 from defocus_core.io.safe_files import missing, require_utf_8, unwritable
@@ -500,7 +500,7 @@ class _State:
     def count(self, job: Job, record: Record) -> None:
         """Count a recorded job, and tell the listener."""
         summary, end = self.summary, record.end
-        if isinstance(end, Taken):
+        if isinstance(end, Completed):
             self.backs.add(end.back)
         summary.left -= 1
         summary.statuses[end.status] += 1

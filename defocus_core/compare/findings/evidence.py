@@ -115,7 +115,7 @@ class Evidence:
     @cached_property
     def sampled(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Values of A and of B [C, N] at the samples."""
-        return self.at("a", *self.places), self.at("b", *self.places)
+        return self.values_at("a", *self.places), self.values_at("b", *self.places)
 
     @cached_property
     def steady(self) -> NDArray[np.bool_]:
@@ -123,7 +123,7 @@ class Evidence:
         a = self.sampled[0]
         return np.ones(a.shape, bool) if self._is_linear else (a > 0.004) & (a < 0.996)
 
-    def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
+    def values_at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
         values = np.stack(planes).astype(np.float32).clip(-_LARGEST, _LARGEST)
@@ -257,7 +257,7 @@ class Evidence:
     @cached_property
     def framed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The mean light of the channels of A and of B, [h, w], in the frame."""
-        a, b = (self.light(self.at(side, *self.frame)).mean(axis=0) for side in ("a", "b"))
+        a, b = (self.light(self.values_at(side, *self.frame)).mean(axis=0) for side in ("a", "b"))
         return a, b
 
     @cached_property
@@ -267,7 +267,7 @@ class Evidence:
         if self._is_linear:
             return near
         for side in ("a", "b"):
-            near |= (self.at(side, *self.frame) > 0.996).any(axis=0)
+            near |= (self.values_at(side, *self.frame) > 0.996).any(axis=0)
         return widened(near, _BLOCK // 2)
 
     def left_framed(self, predicted: NDArray[Any], where: NDArray[np.bool_]) -> float:

@@ -47,7 +47,7 @@ def flipped(evidence: Evidence) -> Iterator[Explanation]:
             ("flipped", " over its diagonal", x, y),
         ]
     for name, how, rows, columns in moves:
-        yield Explanation(evidence.left(evidence.at("a", rows, columns)), name, how)
+        yield Explanation(evidence.left(evidence.values_at("a", rows, columns)), name, how)
 
 
 def cropped(evidence: Evidence) -> Iterator[Explanation]:
@@ -68,7 +68,7 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     """Shifts (dx, dy) with the best match of B and A where most differs, the best first."""
-    a, b = (evidence.scaled(evidence.at(s, *evidence.frame)).mean(axis=0) for s in "ab")
+    a, b = (evidence.scaled(evidence.values_at(s, *evidence.frame)).mean(axis=0) for s in "ab")
     tried = dict.fromkeys([(0, 0), *chain.from_iterable(_peaks(a, b))])
     return sorted(tried, key=lambda offset: (_left_by(evidence, *offset), sum(map(abs, offset))))
 
@@ -78,7 +78,9 @@ def _left_by(evidence: Evidence, dx: int, dy: int) -> float:
     (rows, columns), (height, width) = evidence.places, evidence.size
     y, x = rows - dy, columns - dx
     within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-    return evidence.left(evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within)
+    return evidence.left(
+        evidence.values_at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within
+    )
 
 
 def _peaks(a: NDArray[Any], b: NDArray[Any]) -> Iterator[list[tuple[int, int]]]:
@@ -130,7 +132,7 @@ def _fitted(evidence: Evidence, start: NDArray[Any], free: int) -> tuple[NDArray
     few = few[:: max(1, len(few) // _CHOSEN)]
     scale, _ = _interpolated(evidence)
     rows, columns = (places[few] for places in evidence.places)
-    was, aim = (scale(evidence.at(side, rows, columns, names)) for side in "ab")
+    was, aim = (scale(evidence.values_at(side, rows, columns, names)) for side in "ab")
     # Light has the weight of its slope on a screen.
     slope = steepness(was) if scale == evidence.light else 1.0
     move = start.copy()
@@ -168,5 +170,5 @@ def _moved(
         taps = np.floor(at).astype(np.intp) + np.arange(-1, 3)[:, None]
         axes.append((taps.clip(0, length - 1), keys(at - taps)))
     (rows, down), (columns, across) = axes
-    values = _interpolated(evidence)[0](evidence.at("a", rows[:, None], columns, names))
+    values = _interpolated(evidence)[0](evidence.values_at("a", rows[:, None], columns, names))
     return np.asarray(inside), np.einsum("kn,jn,ckjn->cn", down, across, values)

@@ -46,7 +46,7 @@ def place_of(
     """The most informative place of the difference; None if none is informative enough."""
     every = max(1, math.ceil(math.sqrt(math.prod(evidence.size) / _LOOKED_AT)))
     cut = (slice(None, None, every), slice(None, None, every))
-    a, b = (evidence.scaled(evidence.at(side, *cut)) for side in "ab")
+    a, b = (evidence.scaled(evidence.values_at(side, *cut)) for side in "ab")
     difference = (b - a).astype(np.float64)
     signed = (difference * np.abs(difference)).sum(axis=0)
     signed *= True if evidence.pixels.finite is None else evidence.pixels.finite[cut]

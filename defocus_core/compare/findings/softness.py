@@ -155,7 +155,7 @@ class _Frame:
         a, b = map(np.fft.rfft2, self.evidence.framed)
         return a, b
 
-    def through(self, side: int, row: _Filter, size: float) -> NDArray[Any]:
+    def filtered(self, side: int, row: _Filter, size: float) -> NDArray[Any]:
         """A or B after a filter, periodic at the borders."""
         response = row.response(*self.frequencies, size)
         shape = self.evidence.framed[0].shape
@@ -191,7 +191,7 @@ def _filtered(frame: _Frame) -> Iterator[Explanation]:
     """B is A after one filter everywhere, or the reverse."""
     for row, side in product(_FILTERS[:2], (0, 1)):
         size, _ = _fitted(frame, row, _RADII, side)
-        through = frame.through(side, row, size)
+        through = frame.filtered(side, row, size)
         left = frame.left(through if side == 0 else sum(frame.evidence.framed) - through)
         how = f": everywhere alike, as by a radius of {size:.2g} px{row.how}"
         yield Explanation(left, ("softer", "sharper")[side], how, {"radius": size})
@@ -275,10 +275,10 @@ def _filtered_in_parts(frame: _Frame) -> Explanation:
     """
     a, b = frame.evidence.framed
     slope = np.where(frame.evidence.clipped_near, 0.0, steepness(np.maximum(*map(np.abs, (a, b)))))
-    details = [np.square(v - frame.through(k, _GAUSSIAN, 4.0)) for k, v in enumerate((a, b))]
+    details = [np.square(v - frame.filtered(k, _GAUSSIAN, 4.0)) for k, v in enumerate((a, b))]
     old, new = (sums_of_parts(detail, _PARTS[0]) for detail in details)
     softer = _spread(new < old, _PARTS[0], a)
-    smooth = [[frame.through(k, _GAUSSIAN, s) for s in _WIDTHS] for k in (0, 1)]
+    smooth = [[frame.filtered(k, _GAUSSIAN, s) for s in _WIDTHS] for k in (0, 1)]
     columns = [np.where(softer, x - a, b - y) * slope for x, y in zip(*smooth, strict=True)]
     lefts, aim = [], (b - a) * slope
     for part in _PARTS:

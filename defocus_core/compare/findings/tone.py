@@ -173,7 +173,7 @@ def exchanged(evidence: Evidence) -> Iterator[Explanation]:
         for sources in list(permutations(moved))[1:]:
             pairs = dict(zip(moved, sources, strict=True))
             said = ", ".join(f"{own[n]} is {own[old]}" for n, old in pairs.items() if n != old)
-            left = evidence.left(evidence.at("a", *places, sources))
+            left = evidence.left(evidence.values_at("a", *places, sources))
             yield Explanation(left, "channels swapped", f": {said}", pairs)
     split = [name.rpartition(".")[::2] for name in evidence.names]
     tried = {"left and right swapped": ([f"{other_view(p)}.{c}".lstrip(".") for p, c in split], "")}
@@ -184,10 +184,10 @@ def exchanged(evidence: Evidence) -> Iterator[Explanation]:
     for name, (names, how) in tried.items():
         pairs_of = zip(names, evidence.names, strict=True)
         if all(source in pixels.names and source != n for source, n in pairs_of):
-            yield Explanation(evidence.left(evidence.at("a", *places, names)), name, how)
+            yield Explanation(evidence.left(evidence.values_at("a", *places, names)), name, how)
     width = evidence.size[1]
     if width % 2 == 0:
-        half = evidence.at("a", places[0], (places[1] + width // 2) % width)
+        half = evidence.values_at("a", places[0], (places[1] + width // 2) % width)
         how = ": the halves of the picture"
         yield Explanation(evidence.left(half), "left and right swapped", how)
 
@@ -232,14 +232,14 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
     if not all(a in evidence.pixels.names and a not in evidence.names for a in alphas):
         return
     light = evidence.light(evidence.sampled[0])
-    alpha = evidence.at("a", *evidence.places, alphas)
+    alpha = evidence.values_at("a", *evidence.places, alphas)
     divided = np.where(alpha > 0, light / np.where(alpha > 0, alpha, 1.0), light)
     for how, changed in (("divided", divided), ("multiplied", light * alpha)):
         left = evidence.left(evidence.stored(changed))
         yield Explanation(left, "premultiplication", f": colour {how} by alpha once more")
 
 
-def _with(constant: float, factor: float) -> str:
+def _gain_words(constant: float, factor: float) -> str:
     ways = [f"x {factor:.4g}"] * (factor != 1) + [f"{constant:+.3g}"] * (constant != 0)
     return ", ".join(ways)
 
@@ -270,7 +270,7 @@ class _Scale:
     new: NDArray[Any]
     weights: NDArray[Any]
     back: _Curve
-    words: Callable[[float, float], str] = _with
+    words: Callable[[float, float], str] = _gain_words
     of: str = ""
 
     def fit(self, evidence: Evidence, terms: str, *, each: bool) -> Explanation:
@@ -363,7 +363,7 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
         return
     (layer,) = found
     kept = [layer.index(name) for name in evidence.names]
-    stored = [evidence.at(side, *evidence.places, layer) for side in ("a", "b")]
+    stored = [evidence.values_at(side, *evidence.places, layer) for side in ("a", "b")]
     dark = float(stored[1].min()) >= 0.0  # negative results may have become 0
     chosen = np.sqrt(evidence.weights) * (evidence.fits & evidence.steady.all(axis=0))
     if dark:

@@ -111,7 +111,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
 def compressed(evidence: Evidence) -> Iterator[Explanation]:
     """Frequencies of B in blocks of 8 px are those of A, rounded (ITU-T T.81) or 0 if small."""
     rows, columns = evidence.frame
-    sides = [evidence.scaled(evidence.at(side, rows, columns)).astype("f8") for side in "ab"]
+    sides = [evidence.scaled(evidence.values_at(side, rows, columns)).astype("f8") for side in "ab"]
     weights = np.array(_Y if len(sides[0]) == 3 else [1 / len(sides[0])] * len(sides[0]))
     luma = [np.tensordot(weights, values, 1) for values in sides]
     change = luma[1] - luma[0]
@@ -166,7 +166,7 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
     difference = evidence.difference[evidence.frame].astype("f8")
     power = float(np.square(difference).mean())
     few = np.count_nonzero(difference) < _MIN_CHANGED * difference.size
-    sides = [evidence.scaled(evidence.at(side, *evidence.frame)) for side in "ab"]
+    sides = [evidence.scaled(evidence.values_at(side, *evidence.frame)) for side in "ab"]
     each = float(np.square(sides[1] - sides[0], dtype="f8").mean())
     mean = abs(float(difference.mean()))
     is_part = few or evidence.is_rectangle

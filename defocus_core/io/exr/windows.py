@@ -16,7 +16,7 @@ class Overscan(NamedTuple):
     def __str__(self) -> str:
         return "{} px left, {} top, {} right, {} bottom".format(*self)
 
-    def within(self, other: Overscan) -> Overscan:
+    def smaller(self, other: Overscan) -> Overscan:
         """On each side the fewer pixels of two overscans."""
         return Overscan(*map(min, self, other))
 
@@ -58,7 +58,7 @@ class Window(NamedTuple):
         first = self.x0 <= other.x0 and self.y0 <= other.y0
         return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
-    def beyond(self, display: Window, *, whole: bool = False) -> Overscan:
+    def overscan(self, display: Window, *, whole: bool = False) -> Overscan:
         """How far this window reaches beyond a display window.
 
         On each side it counts up to the longer side of the display window, as no blur reaches
@@ -68,9 +68,9 @@ class Window(NamedTuple):
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
         maximum = max(display.width, display.height)
         sides = Overscan(*(max(0, side) for side in (left, top, right, bottom)))
-        return sides if whole else sides.within(Overscan(*[maximum] * 4))
+        return sides if whole else sides.smaller(Overscan(*[maximum] * 4))
 
-    def within(self, other: Window) -> Window:
+    def intersection(self, other: Window) -> Window:
         """The part of this window that lies in another, which it meets."""
         (x0, y0), (x1, y1) = map(max, self[:2], other[:2]), map(min, self[2:], other[2:])
         return Window(x0, y0, x1, y1)

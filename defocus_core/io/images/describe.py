@@ -63,7 +63,7 @@ def describe(path: Path) -> FileInfo:
     if is_exr(head):
         headers = read_headers(path)
         shown = headers[0].display
-        frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
+        frames = (h.display.grown(h.data.overscan(h.display)) for h in headers)
         maximum = max(frame.width * frame.height for frame in frames)
         return FileInfo(path, shown.width, shown.height, headers, maximum)
     return _of_no_exr(path, head)

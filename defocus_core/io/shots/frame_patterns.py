@@ -33,7 +33,7 @@ class FrameChoice:
     numbers: tuple[int, ...] | None = None  # the frames, ascending; None for all that are there
     missing: str = "error"  # ``error`` or ``skip``, for frames without a file
     # The option that chooses, for errors
-    source: Place = field(default=CALLER.at("frames"), compare=False)
+    source: Place = field(default=CALLER.with_field("frames"), compare=False)
 
 
 ALL = FrameChoice()

@@ -46,11 +46,13 @@ def read_keys(file: Path) -> Keys:
                     "stands beside x and y, which are focus-at",
                     "leave one of them out",
                 )
-                raise InputError("contradiction", problem, remedy, path=place.at("focus-at"))
+                raise InputError(
+                    "contradiction", problem, remedy, path=place.with_field("focus-at")
+                )
             values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
         values.pop("frame", None)
         for option, text in values.items():
-            key = Key(text, place.at(option))
+            key = Key(text, place.with_field(option))
             if (other := keys.setdefault(option, {}).setdefault(frame, key)) is not key:
                 problem = f"is another key of frame {frame}, like {other.where}"
                 raise InputError("duplicate", problem, "remove one of them", path=key.where)

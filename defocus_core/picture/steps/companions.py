@@ -49,7 +49,7 @@ def read_plate(take: Take) -> Take:
         raise UsageProblem(
             "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
         )
-    wanted = _wanted(InputPair.of(take.job))
+    wanted = _wanted(InputPair.from_job(take.job))
     plate = _check(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
     pictures = inputs.color, plate.color
     light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
@@ -149,7 +149,7 @@ def _far_away(wanted: InputPair) -> Plate:
 def read_hidden(take: Take) -> Take:
     """The take with the files of its hidden layer."""
     hidden, color = take.job.picture.hidden, take.inputs.color
-    wanted = InputPair.of(take.job)
+    wanted = InputPair.from_job(take.job)
     assert hidden is not None
     behind, depth = read_pair(replace(wanted, picture=hidden))
     if behind.shape != color.shape:

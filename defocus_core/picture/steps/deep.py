@@ -31,7 +31,7 @@ from defocus_core.system.text import counted
 def read(take: Take) -> Take:
     """The take with the layers of its picture, its plate and its holdout."""
     inputs, plate = take.inputs, take.inputs.plate
-    wanted = InputPair.of(take.job)
+    wanted = InputPair.from_job(take.job)
     picture = wanted.picture
     if picture.hidden is not None:
         problem = "is given ‹hidden›, but what its samples or its holdout hide is known"
@@ -39,7 +39,7 @@ def read(take: Take) -> Take:
     layers = _layers(replace(wanted, planes=(inputs.color, inputs.depth)))
     if plate is not None:
         below = replace(wanted, picture=plate.picture, reading=plate.reading)
-        layers = layers.before(_layers(replace(below, planes=(plate.color, plate.depth))))
+        layers = layers.stacked_over(_layers(replace(below, planes=(plate.color, plate.depth))))
     if picture.holdout is not None:
         black = np.zeros(inputs.depth.metres.shape, np.float16)
         hiding = replace(wanted, picture=picture.holdout, planes=(inputs.color, inputs.depth))

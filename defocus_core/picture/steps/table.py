@@ -32,7 +32,7 @@ class Step(Generic[T]):
         return function
 
 
-def through(steps: tuple[Step[T], ...], subject: T) -> T:
+def apply_steps(steps: tuple[Step[T], ...], subject: T) -> T:
     """The subject of a stage, changed by the steps that apply."""
     for step in steps:
         if step.applies(subject):

@@ -66,7 +66,7 @@ def kernels(
 
     Returns [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
-    view = Rim.joined(views) if views else None
+    view = Rim.concatenate(views) if views else None
     # a region keeps its own
     draw = _kernel.__wrapped__ if aperture.requires_grad or view else _kernel
     pupil = aperture if aperture.requires_grad else aperture.fixed

@@ -79,12 +79,12 @@ class Reduced:
         size = window.fitting(patch.minimum)
         coarse = Box(*patch.corner, *size)
         # samples after the end of `lit` would wrap around into the core
-        lit = Box.over(
+        lit = Box.from_spans(
             *(Span(a.first, b.end) for a, b in zip(coarse.sides, patch.lit.sides, strict=True))
         )
         terms: list[tuple[Tensor, Tensor]] = []
         sloping = [slice_index for slice_index in slices if slice_index in tilted]
-        common_slopes = surface.planes(sloping, core.around(reach))
+        common_slopes = surface.planes(sloping, core.enlarged(reach))
         slopes = dict(zip(sloping, common_slopes, strict=True))
         kernels = window.tilted(
             {slices[slice_index]: s for slice_index, s in slopes.items() if s}, size
@@ -101,7 +101,7 @@ class Reduced:
         self._layer = blurred(terms, groups, size, crop)
         self._coarse_size = patch.shown.sides
 
-    def over(self, box: Box) -> tuple[Box, Tensor] | None:
+    def upsampled(self, box: Box) -> tuple[Box, Tensor] | None:
         """The layer at full resolution within a rectangle, counted from the first sample.
 
         Returns the part of the rectangle where the layer is not 0, and the layer there,
@@ -110,22 +110,22 @@ class Reduced:
         if self._coarse_size is None or self._layer is None:
             return None
         sides = [
-            self._pixels(d, coarse).within(side)
+            self._pixels(d, coarse).intersection(side)
             for d, (coarse, side) in enumerate(zip(self._coarse_size, box.sides, strict=True))
         ]
         if min(side.length for side in sides) <= 0:
             return None
-        shown = Box.over(*sides)
+        shown = Box.from_spans(*sides)
         down, across = (
-            coarse.within(wanted)
+            coarse.intersection(wanted)
             for coarse, wanted in zip(self._coarse_size, self._read_by(shown), strict=True)
         )
         rows, columns = (
-            self._between(d, shown[d], shown[d + 2], coarse.first, self._layer)
+            self._axis_weights(d, shown[d], shown[d + 2], coarse.first, self._layer)
             for d, coarse in enumerate((down, across))
         )
-        crop = Box.over(down, across).seen_from(Box.over(*self._coarse_size))
-        layer = crop.of(self._layer)
+        inside = Box.from_spans(down, across).seen_from(Box.from_spans(*self._coarse_size))
+        layer = inside.crop(self._layer)
         return shown, by_group(
             lambda group: resampled(layer[group], rows, columns), self._groups, layer.device
         )
@@ -151,7 +151,7 @@ class Reduced:
         )
         return Span(first, end)
 
-    def _between(
+    def _axis_weights(
         self, dim: int, start: int, length: int, coarse_pixel: int, like: Tensor
     ) -> AxisWeights:
         """Weights of the coarse pixels from `coarse_pixel` on in `length` pixels, cached."""
@@ -244,12 +244,12 @@ class Blur:
                     indices = range(reaching[0], reaching[-1] + 1)
                     tile_list.append(BlurPiece(layer_index, window, indices, patch, near))
 
-    def over_tile(self, index: int) -> dict[int, ShownLayer]:
+    def tile_layers(self, index: int) -> dict[int, ShownLayer]:
         """The layers of the surface over a tile: sums of blurred slices."""
         tile, shown = self._grid.tiles[index], dict[int, ShownLayer]()
         for layer_index in {self._layer_of[k] for k in self.surface.plan[index]}:
             reduced = self._reduced.get(layer_index)
-            if reduced and (part := reduced.over(tile)):
+            if reduced and (part := reduced.upsampled(tile)):
                 shown[layer_index] = ShownLayer(part[0].seen_from(tile), self._blended(*part))
         near = any(piece.near for piece in self.pieces[index])
         shifts = self.surface.shifts(index) if near else None
@@ -261,7 +261,7 @@ class Blur:
                 # a part gets shifts for the coverage that it sees, no more
                 fraction = self.surface.fractions(piece.slice_indices, piece.patch.shown)
                 fraction = torch.minimum(fraction, layer[-len(shifts) :, -1:].clamp(min=0))
-                moved = box.of(shifts) * fraction
+                moved = box.crop(shifts) * fraction
             shown[piece.layer_index] = ShownLayer(box, layer, moved)
         return shown
 
@@ -275,7 +275,7 @@ class Blur:
         size = window.fitting(piece.patch.minimum)
         box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
         # samples after the end of `lit` would wrap around into the tile
-        lit = Box.over(
+        lit = Box.from_spans(
             *(Span(a.first, b.end) for a, b in zip(box.sides, piece.patch.lit.sides, strict=True))
         )
         pixels = surface.members(slice_indices, lit)
@@ -285,7 +285,7 @@ class Blur:
             for slice_index in slice_indices
             if slice_index in surface.tilted_plan[index]
         ]
-        tilted_slopes = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
+        tilted_slopes = surface.planes(tilted, self._grid.tiles[index].enlarged(window.margin))
         planes = zip(tilted, tilted_slopes, strict=True)
         slopes = {slice_index * self._stride: slope for slice_index, slope in planes}
         leaning = [

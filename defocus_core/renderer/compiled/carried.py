@@ -59,7 +59,7 @@ def carries(frame: SharedFrame, scene: InFocus) -> bool:
 
 def carries_pair(settings: Settings) -> bool:
     """Whether it renders left and right, too: of photodiodes that each see a half of the lens."""
-    apart = settings.dual_pixel.apart
+    apart = settings.dual_pixel.separation
     return settings.dual_pixel.halves == (LEFT, RIGHT) and isinstance(apart, float)
 
 

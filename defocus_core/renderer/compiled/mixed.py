@@ -125,7 +125,7 @@ def _as_whole(alpha, is_near, own, other):
 
 
 @compiled
-def _within(mean, variance, other, color):
+def _clipped(mean, variance, other, color):
     """A colour clipped to two deviations around a surface's mean; `other` is never clipped."""
     reach = 2 * math.sqrt(variance)
     color = max(color, min(mean - reach, other))
@@ -140,11 +140,11 @@ def _colors(color, own, other, alpha, c):
     first, second, rest = alpha * v, (1 - alpha) * w, 1 - alpha
     residual = (color - alpha * m - rest * n) / (alpha * first + rest * second)
     own_color, free = m + residual * first, n + residual * second
-    clipped = free - _within(n, w, n, free)
+    clipped = free - _clipped(n, w, n, free)
     own_color += rest / (alpha if alpha > 0 else 1.0) * clipped
-    own_color = _within(m, v, color, own_color)
+    own_color = _clipped(m, v, color, own_color)
     left = (color - alpha * own_color) / (rest if alpha < 1 else 1.0)
-    return own_color, _within(n, w, color, left)
+    return own_color, _clipped(n, w, color, left)
 
 
 @compiled
@@ -184,7 +184,7 @@ def _read_square(image, radius, edge, border, limit, y, x, colors, radii, near, 
 
 
 @entry
-def take_apart(image, radius, edge, border, limit, own_light, nearer_light, nearer_radius):
+def split_mixed(image, radius, edge, border, limit, own_light, nearer_light, nearer_radius):
     """Take mixed pixels apart: [H, 4 W] light and coverage of their own surface and nearer ones.
 
     image: [H, 4 W] with a coverage of 1; own_light: a copy of it. Returns how many hold a nearer

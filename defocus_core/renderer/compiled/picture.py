@@ -17,7 +17,7 @@ from defocus_core.renderer.compiled.back import Sampled, Samples
 from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.carried import CHANNELS, by_loops, carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
-from defocus_core.renderer.compiled.mixed import find_edges, take_apart
+from defocus_core.renderer.compiled.mixed import find_edges, split_mixed
 from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame
 from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
@@ -33,7 +33,7 @@ _OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
 def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
     """The views of a surface that is carried; the centre alone if left and right are not."""
     whole, pair = frame.box, frame.settings.left_right and carries_pair(frame.settings)
-    place = RegionPlace.of(frame, Grid([whole], whole[2:], 1))
+    place = RegionPlace.from_grid(frame, Grid([whole], whole[2:], 1))
     place = place._replace(outer=whole, held=whole, inside=whole, core=whole)
     # light has no unit: float32 is fine enough for that of about 1, also its squares
     unit = _unit(frame.content.limit)
@@ -77,7 +77,7 @@ def _sampled(
         return
     from defocus_core.renderer.engine.region_layers import backdrop_in, discs, layers_at
 
-    in_focus = InFocus.of(scene)
+    in_focus = InFocus.from_scene(scene)
     seen = layers_at(place, in_focus, backdrop_in(place.frame, in_focus))
     layers, drawn = seen.layers, sum(discs(place, seen, lights) for lights in seen.lights)
     del seen  # also how far is seen, which compiled loops find themselves
@@ -99,7 +99,7 @@ def _of_layers(layers: Sequence[SampleLayer], channels: slice, unit: float) -> S
 
 def surfaces_of(own: Samples, limit: float) -> Sampled:
     """The surfaces of a picture with edges; limit: brightness that a highlight exceeds."""
-    own, nearer = _taken_apart(own, limit)
+    own, nearer = _split_surfaces(own, limit)
     found = hidden_of(own.light, own.radius, nearer and nearer.light, limit)
     if found is None:
         return Sampled(own, nearer, None)
@@ -108,14 +108,16 @@ def surfaces_of(own: Samples, limit: float) -> Sampled:
     return Sampled(own, nearer, Samples(light, coarse_radius))
 
 
-def _taken_apart(own: Samples, limit: float) -> tuple[Samples, Samples | None]:
+def _split_surfaces(own: Samples, limit: float) -> tuple[Samples, Samples | None]:
     """The surfaces that the depth names, without parts of nearer ones; and these, if there are."""
     edge, border = np.empty(own.radius.shape, np.uint8), np.empty(own.radius.shape, np.float32)
     if not find_edges(own.radius, edge, border):
         return own, None
     light = own.light.copy()
     others, radii = (_few(values.shape) for values in own)
-    found = take_apart(own.light, own.radius, edge, border, np.float32(limit), light, others, radii)
+    found = split_mixed(
+        own.light, own.radius, edge, border, np.float32(limit), light, others, radii
+    )
     return own._replace(light=light), Samples(others, radii) if found else None
 
 
@@ -139,7 +141,7 @@ def _unit(brightest: float) -> float:
 
 def _counts(frame: SharedFrame, scene: Surface) -> dict[str, int]:
     """Counts of the work done."""
-    radius = frame.box.of(scene.signed_radius)
+    radius = frame.box.crop(scene.signed_radius)
     in_focus = int((radius.abs() <= SHARP).sum())
     return {"pixels": frame.box.area, "pixels_copied": in_focus, "tiles": 1}
 
@@ -165,7 +167,7 @@ def _bounds(frame: SharedFrame, channels: int, unit: float) -> Bounds:
     more = _OVERSHOOT * (greatest - least)
     limits = least - slack[0], greatest + slack[1], least - more, greatest + more
     left = float(division.left_fraction) if frame.settings.left_right else 0.5
-    apart = float(frame.settings.dual_pixel.apart)
+    apart = float(frame.settings.dual_pixel.separation)
     negative = (content.minimum - _NEGLIGIBLE * content.limit) / unit
     range_ = np.stack(limits, 1).astype(np.float32)
     return Bounds(range_, content.minimum / unit, negative, left, apart)

@@ -63,7 +63,7 @@ _MIN_FRACTION = 0.01
 
 
 @compiled
-def _below(areas, y, x):
+def _area_below(areas, y, x):
     """The share of an opening above and left of a lens point, see `areas_below`."""
     most = areas.shape[0] - 1
     v, u = (y + 1) * most / 2, (x + 1) * most / 2
@@ -89,6 +89,6 @@ def keep_in_frame(radius, areas, trust):
                 continue
             top, bottom = (y + 0.5) / r, (y + 0.5 - height) / r
             left, right = (x + 0.5) / r, (x + 0.5 - width) / r
-            share = _below(areas, top, left) - _below(areas, top, right)
-            share += _below(areas, bottom, right) - _below(areas, bottom, left)
+            share = _area_below(areas, top, left) - _area_below(areas, top, right)
+            share += _area_below(areas, bottom, right) - _area_below(areas, bottom, left)
             trust[y, x] *= np.float32(max(abs(share), _MIN_FRACTION))

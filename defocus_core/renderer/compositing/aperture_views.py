@@ -34,9 +34,9 @@ from defocus_core.tensors.device_plan import sent
 _MINIMUM = 1e-6
 
 
-def _of(full: Tensor | float, box: Box) -> Tensor | float:
+def _greatest(full: Tensor | float, box: Box) -> Tensor | float:
     """The greatest coverage in a box."""
-    return box.of(full) if isinstance(full, Tensor) else full
+    return box.crop(full) if isinstance(full, Tensor) else full
 
 
 def _fraction_hidden(
@@ -50,18 +50,18 @@ def _fraction_hidden(
     room: Tensor,  # [h, w], the share of a gap in this box that is no error
 ) -> Tensor:
     """The share [M, 1, h, w] of a hidden layer that is seen, in its box."""
-    box, maximum = behind.box, _of(full, behind.box)
+    box, maximum = behind.box, _greatest(full, behind.box)
     coverage = behind.layer[:, -1:].clamp(min=0)
     whole = coverage
     if shown is not None:
         both = shown.box.grown(0, box)
         if both.height > 0 and both.width > 0:
-            visible = both.seen_from(shown.box).of(shown.layer)[:, -1:].clamp(min=0)
+            visible = both.seen_from(shown.box).crop(shown.layer)[:, -1:].clamp(min=0)
             whole = add_within(coverage.clone(), both.seen_from(box), visible)
-    earlier, now = map(box.of, before)
+    earlier, now = map(box.crop, before)
     gap = (maximum - earlier).clamp(min=0) * room
     expected = torch.minimum(gap * (whole / maximum).clamp(max=1), (maximum - now) * room)
-    added = (expected - (box.of(front)[:, -1:] - now)).clamp(min=0)
+    added = (expected - (box.crop(front)[:, -1:] - now)).clamp(min=0)
     added = torch.where(coverage > _MINIMUM, added, 0.0)
     return (added / coverage.clamp(min=_MINIMUM)).clamp(max=1)
 
@@ -123,9 +123,9 @@ class TileCompositor:
         if isinstance(sight, Openings):
             self._covered[number] = self.coverage()
         if shown is not None:
-            window = shown.box.of(self.front)
-            layer, fraction = shown_behind(window, shown.layer, _of(full, shown.box))
-            if sight and (seen := sight.over(shown.box).to(number)) is not None:
+            window = shown.box.crop(self.front)
+            layer, fraction = shown_behind(window, shown.layer, _greatest(full, shown.box))
+            if sight and (seen := sight.crop(shown.box).to_layer(number)) is not None:
                 fraction = fraction * seen
             self.front = add_within(self.front, shown.box, layer, fraction)
             if shown.moved is not None:
@@ -134,7 +134,7 @@ class TileCompositor:
                 moved = torch.zeros_like(self.front[-count:, :-1]) if moved is None else moved
                 self.moved = add_within(moved, shown.box, shown.moved, fraction[-count:])
         if behind is not None and isinstance(sight, Openings):
-            room, now = sight.over(behind.box).to(number), self._covered[number]
+            room, now = sight.crop(behind.box).to_layer(number), self._covered[number]
             # of opaque surfaces the layer before may hold another part of the same one
             earlier = self._covered.get(number - 1, now) if self._closed else now
             fraction = _fraction_hidden((earlier, now), self.front, shown, behind, full, room)
@@ -146,7 +146,7 @@ class TileCompositor:
         if not isinstance(self.sight, Openings):
             return
         for behind, fraction, room in self._hidden if self._closed else ():
-            within, window = _of(self._full, behind.box), behind.box.of(self.front)
+            within, window = _greatest(self._full, behind.box), behind.box.crop(self.front)
             if seen := shown_in_gaps(window, behind.layer * (1 - fraction), within, self._groups):
                 rest, left = seen
                 self.front = add_within(self.front, behind.box, rest, left * room)

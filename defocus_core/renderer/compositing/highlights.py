@@ -112,7 +112,7 @@ class Occluders:
         self._slice_indices = [blocks.any(2).any(1).tolist() for blocks in held]
         self.blocks = torch.stack(held).any(0)
 
-    def beside(
+    def square_coverage(
         self,
         pixels: Sequence[Tensor],  # the rows and columns of the nearest pixels, each [m, side]
         positions: Sequence[Tensor],  # the rows and columns, each [m, side]
@@ -179,7 +179,7 @@ class Squares(NamedTuple):
     side: int  # width of a square in px
 
     @classmethod
-    def of(cls, extent: int) -> Squares:
+    def for_extent(cls, extent: int) -> Squares:
         """Squares no wider than a block."""
         count = -(-(2 * extent + 1) // BLOCK)
         return cls(extent, count, -(-(2 * extent + 1) // count))
@@ -326,7 +326,9 @@ class Obstruction:
                 for axis, length in enumerate((H, W))
             )
             position = (subset.at[..., None] + away).unbind(1)
-            fraction = self._occluders.beside((row, column), position, slice_index, subset.limit)
+            fraction = self._occluders.square_coverage(
+                (row, column), position, slice_index, subset.limit
+            )
             occluded_fraction.index_add_(0, large_index, fraction)
         mean = lens_weights.clamp(max=1).mean(1)[:, None, None]
         return torch.where(lights.small[:, None, None], mean, occluded_fraction.clamp(max=1))
@@ -377,7 +379,7 @@ class _Alike(NamedTuple):
     extent: int  # greatest distance in px from a highlight to a pixel of its disc
     barrel: Rim | None = None  # the pupil, as each radius sees it
 
-    def between(self, start: int, end: int) -> _Alike:
+    def part(self, start: int, end: int) -> _Alike:
         """The highlights from `start` to before `end`."""
         highlights = Highlights(*(values[start:end] for values in self.highlights))
         return self._replace(highlights=highlights, which=self.which[start:end])
@@ -405,7 +407,7 @@ def draw(
     canvas = _Canvas(len(parts), highlights.light, box)
     obstruction = Obstruction(layers, radii)
     for alike in _alike(highlights, radii, maximum, box, barrel):
-        squares = Squares.of(alike.extent)
+        squares = Squares.for_extent(alike.extent)
         rims, cut = [], []
         for part in parts:
             kernels = alike.kernels(aperture, part)
@@ -415,7 +417,7 @@ def draw(
         wanted = lit.any(0)
         step = max(1, _SAMPLES // max(rim.row.shape[1] for rim in rims))
         for start in range(0, len(alike.which), step):
-            chunk = alike.between(start, start + step)
+            chunk = alike.part(start, start + step)
             for m, rim in enumerate(rims):
                 canvas.add_rims(m, rim, chunk)
             at, r = chunk.highlights.at, chunk.highlights.signed_radius
@@ -446,7 +448,7 @@ def _alike(
         extent = spreads[first]
         count = max(1, _SAMPLES // (2 * extent + 1) ** 2)
         end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + count])
-        chosen = everything.between(limits[first], limits[end])
+        chosen = everything.part(limits[first], limits[end])
         if len(chosen.which):
             yield _Alike(
                 chosen.highlights,
@@ -454,7 +456,7 @@ def _alike(
                 chosen.which - first,
                 everything.weights[first:end],
                 extent,
-                everything.barrel and everything.barrel.of(slice(first, end)),
+                everything.barrel and everything.barrel.select(slice(first, end)),
             )
         first = end
 
@@ -481,7 +483,7 @@ def _widest_first(
     order = which.argsort(stable=True)
     order = order[(away <= spread[which])[order]]
     reaching = Highlights(*(values[order] for values in highlights))
-    barrel = barrel and barrel.of(wide)
+    barrel = barrel and barrel.select(wide)
     everything = _Alike(reaching, radii, which[order], weights[wide], maximum, barrel)
     return everything, spread.tolist()
 

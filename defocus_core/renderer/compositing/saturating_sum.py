@@ -89,7 +89,7 @@ def add_within(total: Tensor, box: Box, values: Tensor, fraction: Tensor | None 
     The total is overwritten by the result unless gradients are enabled.
     """
     if not torch.is_grad_enabled():
-        window = box.of(total)
+        window = box.crop(total)
         window.add_(values) if fraction is None else window.addcmul_(values, fraction)
         return total
     H, W = total.shape[-2:]
@@ -175,7 +175,7 @@ class ColorRange(NamedTuple):
     greatest: Tensor
 
     @classmethod
-    def of(
+    def from_channels(
         cls, channels: Sequence[tuple[float, float]], like: Tensor, minimum: float
     ) -> ColorRange:
         """The range of the channels of a picture.

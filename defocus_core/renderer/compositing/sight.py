@@ -50,7 +50,7 @@ class SightLimits(NamedTuple):
     octaves: list[int]  # for each slice the octave of what is hidden, ascending
 
     @classmethod
-    def of(
+    def from_radius(
         cls, radius: Tensor, positions: Tensor, layer_of: list[int], octaves: list[int]
     ) -> SightLimits:
         """The limits of a picture.
@@ -61,19 +61,19 @@ class SightLimits(NamedTuple):
         slices = positions.detach().ceil().to(small)
         return cls(_greatest_within(slices, radius.detach().abs()), layer_of, octaves)
 
-    def over(self, box: Box) -> SightLimits:
+    def crop(self, box: Box) -> SightLimits:
         """Those in a box."""
-        return self._replace(farthest=box.of(self.farthest))
+        return self._replace(farthest=box.crop(self.farthest))
 
-    def to(self, layer_index: int) -> Tensor | None:
+    def to_layer(self, layer_index: int) -> Tensor | None:
         """Whether [..., h, w] the lens sees as far as a layer; None if it does everywhere."""
-        return self._to(bisect_left(self.layer_of, layer_index))
+        return self._is_seen(bisect_left(self.layer_of, layer_index))
 
     def to_octave(self, octave: int) -> Tensor | None:
         """As `to`, of the hidden surfaces of an octave."""
-        return self._to(bisect_left(self.octaves, octave))
+        return self._is_seen(bisect_left(self.octaves, octave))
 
-    def _to(self, number: int) -> Tensor | None:
+    def _is_seen(self, number: int) -> Tensor | None:
         seen = self.farthest >= number
         return None if seen.is_cpu and bool(seen.all()) else seen
 
@@ -126,7 +126,9 @@ class Openings(NamedTuple):
     layer_index: Tensor  # [h, w] of the layer that the sample is in; inf where there is none
 
     @classmethod
-    def of(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Openings:
+    def from_samples(
+        cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]
+    ) -> Openings:
         """The openings of opaque samples.
 
         `opaque`: radii [L, h, w] px of the samples of each pixel; inf of those that are clear;
@@ -139,11 +141,11 @@ class Openings(NamedTuple):
         room = _spread(_reach_of_edges(opaque)).clamp(0, 1)
         return cls(room.masked_fill(none, 1), layer_index.masked_fill(none, torch.inf))
 
-    def over(self, box: Box) -> Openings:
+    def crop(self, box: Box) -> Openings:
         """Those in a box."""
-        return Openings(*map(box.of, self))
+        return Openings(*map(box.crop, self))
 
-    def to(self, layer_index: int) -> Tensor:
+    def to_layer(self, layer_index: int) -> Tensor:
         """The room [h, w] for what is hidden in a layer."""
         return torch.where(self.layer_index < layer_index, self.room, 1)
 

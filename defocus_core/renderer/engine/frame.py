@@ -70,7 +70,9 @@ class Division(NamedTuple):
     pair: slice  # the parts of left and right, which may be those of the centre view
 
     @classmethod
-    def of(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Division:
+    def from_aperture(
+        cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None
+    ) -> Division:
         """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
         divided = [*aperture.parts(centre)]
         of_centre = of_pair = slice(0, len(divided))
@@ -129,7 +131,7 @@ class SharedFrame:
         settings = self.settings
         centre = 1 if settings.cat_eye else self.quality.parts  # a rim would clip parts away
         pair = settings.dual_pixel if settings.left_right else None
-        return Division.of(settings.aperture, centre, pair)
+        return Division.from_aperture(settings.aperture, centre, pair)
 
     @cached_property
     def _tiled(self) -> tuple[Grid, Slices]:
@@ -226,7 +228,7 @@ class RegionPlace(NamedTuple):
     core: Box  # its tiles within `outer`
 
     @classmethod
-    def of(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
+    def from_grid(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
         """The place of the tiles of a region."""
         box = grid.box
         outer = box.grown(frame.margin, frame.box)
@@ -269,5 +271,5 @@ def darkened(part: ViewTensors, cat_eye: CatEye, frame: tuple[int, int]) -> View
     """
     like = part.images[0]
     y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)
-    fraction = falloff(cat_eye.apart(x[None, :], y[:, None], frame), cat_eye.size)
+    fraction = falloff(cat_eye.centre_distance(x[None, :], y[:, None], frame), cat_eye.size)
     return part._replace(images=[image * fraction for image in part.images])

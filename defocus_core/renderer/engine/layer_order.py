@@ -61,7 +61,7 @@ class Hidden:
         self._octaves, self._enlarged, self._sight = octaves, enlarged, sight
         self._known: dict[int, Tensor] = {}
 
-    def of(self, octave: int) -> Tensor | None:
+    def octave(self, octave: int) -> Tensor | None:
         """One octave in px [M, C + 1, h, w], as far as the lens sees; None if it is absent."""
         if octave in self._octaves and octave not in self._known:
             seen = self._enlarged(self._octaves[octave])
@@ -72,7 +72,7 @@ class Hidden:
     def whole(self) -> Tensor | None:
         """All octaves [M, C + 1, h, w]; None if there is nothing."""
         sides = ([o for o in self._octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
-        of_sides = ([self.of(octave) for octave in side] for side in sides if side)
+        of_sides = ([self.octave(octave) for octave in side] for side in sides if side)
         seen = [reduce(torch.add, [x for x in side if x is not None]) for side in of_sides]
         return reduce(add_behind, seen, torch.zeros_like(seen[0])) if seen else None
 
@@ -126,18 +126,18 @@ class Filling:
         """Whether a part of the surface over a tile is of an octave of blur."""
         return any(self._octave_of_slice[k] == octave for k in self.plan[index])
 
-    def over_tile(self, index: int, sight: Sight | None = None) -> Hidden:
+    def tile_surface(self, index: int, sight: Sight | None = None) -> Hidden:
         """The surface over a tile, as far as the lens sees."""
         tile, coarse = self._tiles[index], self._coarse_of[index]
         octaves: dict[int, list[tuple[Box, Tensor]]] = {}
-        for number, shown in sorted(self._blur.over_tile(index).items()):
+        for number, shown in sorted(self._blur.tile_layers(index).items()):
             of_octave = octaves.setdefault(self._octave_of_layer[number], [])
             of_octave.append((shown.box, shown.layer))
 
         def enlarged(surface: Tensor) -> Tensor:
             if not self.level:
                 return surface
-            rows, columns = (self._between(d, tile, coarse, surface) for d in (0, 1))
+            rows, columns = (self._axis_weights(d, tile, coarse, surface) for d in (0, 1))
             return by_group(
                 lambda group: resampled(surface[group], rows, columns),
                 self._groups,
@@ -147,7 +147,7 @@ class Filling:
         size = coarse.height, coarse.width
         return Hidden({o: summed(layers, size) for o, layers in octaves.items()}, enlarged, sight)
 
-    def _between(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
+    def _axis_weights(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
         """The shares of coarse pixels in the pixels of a tile, along one axis."""
         first = position_of(tile[dim], self._fine[dim], self._coarse[dim], self.level) - coarse[dim]
         key = (first, tile[dim + 2])
@@ -172,15 +172,15 @@ def composite(
         order = CompositeOrder(0, 0, [])
     blurred: dict[Filling, Hidden] = {}
 
-    def over_tile(surface: Filling) -> Hidden:
+    def blurred_once(surface: Filling) -> Hidden:
         if surface not in blurred:
-            blurred[surface] = surface.over_tile(index, compositor.sight)
+            blurred[surface] = surface.tile_surface(index, compositor.sight)
         return blurred[surface]
 
     def fill(octave: int) -> None:
         for surface in () if HIDDEN in surfaces else continued:
             if surface.has(octave, index) and not compositor.is_full():
-                compositor.fill(over_tile(surface).of(octave))
+                compositor.fill(blurred_once(surface).octave(octave))
 
     def show(numbers: set[int]) -> None:
         for number in sorted(numbers & indices):
@@ -203,7 +203,7 @@ def composite(
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     later = {first for _, first in order.ahead}
     for k in sorted({k for k in indices if k >= order.beyond} | later):
-        for octave in order.before(k):
+        for octave in order.octaves_before(k):
             if aside is None:
                 fill(octave)
             elif octave > 0:
@@ -213,7 +213,7 @@ def composite(
     compositor.close()
     for surface in continued:
         if not compositor.is_full():
-            compositor.fill(over_tile(surface).whole())
+            compositor.fill(blurred_once(surface).whole())
     if aside is not None:
         compositor.put_together(aside)
     return list(blurred)

@@ -62,7 +62,7 @@ def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
     )
     if renderer.in_focus.layers is not None:
         copies += _COPIES_OF_LAYER * renderer.in_focus.layers.number
-    region = max((around(frame, grid).area for grid in grids), default=0) * sample * copies
+    region = max((needed_box(frame, grid).area for grid in grids), default=0) * sample * copies
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges
@@ -96,7 +96,7 @@ def computed_regions(renderer: Renderer) -> list[Grid]:
     return [part for part in parts if part]
 
 
-def around(frame: SharedFrame, grid: Grid) -> Box:
+def needed_box(frame: SharedFrame, grid: Grid) -> Box:
     """A region with the pixels around it that it depends on."""
     return grid.box.grown(frame.margin, frame.box)
 

@@ -60,7 +60,7 @@ class RegionLayers(NamedTuple):
     # None where no surface hides another
     sight: Sight | None
 
-    def of(self, kind: str) -> list[SampleLayer]:
+    def layers_of(self, kind: str) -> list[SampleLayer]:
         """The layers of a kind."""
         return [layer for layer in self.layers if layer.kind == kind]
 
@@ -73,7 +73,7 @@ def layers_at(place: RegionPlace, scene: InFocus, backdrop: Backdrop | None) -> 
     frame = place.frame
     surface = scene.surface
     both = surface.image, surface.signed_radius
-    image, radius = (place.outer.of(x).to(frame.dtype) for x in both)
+    image, radius = (place.outer.crop(x).to(frame.dtype) for x in both)
     if frame.content.edges:  # pixels beside them are looked up by their numbers
         image, radius = image.contiguous(), radius.contiguous()
     if scene.layers is not None:
@@ -104,8 +104,8 @@ def _of_picture(
         layers, lights = split(layers, len(image), content.limit)
     if content.edges:
         positions = slice_position(radius, frame.radii)
-        sight = SightLimits.of(radius, positions, slices.visible.layers, slices.octaves)
-        sight = sight.over(place.core)
+        sight = SightLimits.from_radius(radius, positions, slices.visible.layers, slices.octaves)
+        sight = sight.crop(place.core)
     if backdrop is not None:
         behind = [*continued(layers[0], backdrop, place.outer, place.inside, frame)]
     return RegionLayers((*layers, *behind), lights, sight)
@@ -120,7 +120,9 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
     layers, lights = split(visible, layered.colors.shape[1], frame.content.limit)
     if hidden:
         others = [layer._replace(kind=HIDDEN) for layer in hidden]
-        sight = Openings.of(stack.opaque(), frame.radii, slices.visible.layers).over(place.core)
+        sight = Openings.from_samples(stack.opaque(), frame.radii, slices.visible.layers).crop(
+            place.core
+        )
     solid = SampleLayer.whole(stack.color[0, :0], stack.solid(layered.limits[1]))
     others.append(solid._replace(kind=SOLID))
     if layered.open and layered.is_continued:
@@ -135,7 +137,7 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
 def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> SurfaceSamples:
     """The samples whose light reaches the tiles."""
     radii = place.frame.radii
-    layers = [layer.within(place.inside) for layer in layers]
+    layers = [layer.crop(place.inside) for layer in layers]
     if len(layers) > len(radii) + 1:
         layers = [layers[0], *of_slices(layers[1:], radii)]
     return SurfaceSamples(layers)
@@ -145,16 +147,16 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
     """The visible samples whose light reaches the tiles, with their slopes and shifts."""
     frame, inside, first = place.frame, place.inside, seen.layers[0]
     around = inside.grown(AROUND, Box(0, 0, *first.signed_radius.shape[-2:]))
-    inner, radius = inside.seen_from(around), around.of(first.signed_radius)
+    inner, radius = inside.seen_from(around), around.crop(first.signed_radius)
     lean = shifts = None
     if frame.content.tilted:
         found = slopes(radius, frame.quality.min_slope)
-        lean = None if found is None else inner.of(found)
+        lean = None if found is None else inner.crop(found)
     if frame.settings.left_right and frame.copies_in_focus:
-        color, division = around.of(first.color), frame.division
+        color, division = around.crop(first.color), frame.division
         halves = division.parts[division.pair]
         shifts = Shifts(color, radius, inner, frame.radii, division.aperture, halves)
-    samples = samples_within(place, seen.of(VISIBLE))
+    samples = samples_within(place, seen.layers_of(VISIBLE))
     return samples._replace(slopes=lean, shifts=shifts)
 
 
@@ -162,7 +164,7 @@ def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | float:
     """As `RegionPlace.fractions`, in the mean over the visible samples of each pixel; or 1."""
-    first, *others = (layer.within(place.core) for layer in seen.of(VISIBLE))
+    first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))
     radius = first.signed_radius
     total = place.fractions(bounds, radius, parts)
     if total is None:
@@ -187,7 +189,7 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
     Of layers, what hides a part of a light is in its coverage already.
     """
     radii, (aperture, parts, *_) = place.frame.radii, place.frame.division
-    before = seen.of(SOLID) or seen.of(VISIBLE)
+    before = seen.layers_of(SOLID) or seen.layers_of(VISIBLE)
     barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
     return draw(highlights, before, radii, aperture, parts, place.core, barrel)
 

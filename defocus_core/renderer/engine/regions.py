@@ -48,12 +48,12 @@ from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.threads import recomputed, threaded, unrecorded
-from defocus_core.tensors.views import ViewTensors, added, joined
+from defocus_core.tensors.views import ViewTensors, added, assemble
 
 
 def region_of(frame: SharedFrame, grid: Grid, scene: InFocus, backdrop: Backdrop | None) -> Region:
     """A rectangle of tiles of a scene; `backdrop`: as in `layers_at`."""
-    place = RegionPlace.of(frame_at(frame, grid.box), grid)
+    place = RegionPlace.from_grid(frame_at(frame, grid.box), grid)
     return Region(place, layers_at(place, scene, backdrop))
 
 
@@ -83,9 +83,9 @@ class Region:
 
         self._blurs = {VISIBLE: blur_of(visible_samples(place, seen))}
         for kind in (HIDDEN, UNCOVERED):
-            if layers := seen.of(kind):
+            if layers := seen.layers_of(kind):
                 self._blurs[kind] = blur_of(samples_within(place, layers))
-        self._continued = [Filling(place, layer) for layer in seen.of(CONTINUED)]
+        self._continued = [Filling(place, layer) for layer in seen.layers_of(CONTINUED)]
         division = frame.division
         centre = division.parts[division.centre]
         # Shares of the parts of the aperture that look into the frame, and as far as it goes on
@@ -93,9 +93,11 @@ class Region:
         self._in_scene: Tensor | float = 1.0
         if frame.cut:
             self._in_scene = fractions_seen(place, seen, frame.scene, division.parts)
-        self._range = ColorRange.of(frame.content.channels, self._like, frame.content.minimum)
+        self._range = ColorRange.from_channels(
+            frame.content.channels, self._like, frame.content.minimum
+        )
         self._traces = [
-            torch.cat(layer.within(place.core).light_and_coverage) for layer in seen.of(TRACE)
+            torch.cat(layer.crop(place.core).light_and_coverage) for layer in seen.layers_of(TRACE)
         ]
         self._discs = [discs(place, seen, lights) for lights in seen.lights]
 
@@ -138,19 +140,19 @@ class Region:
         observed = covered if invented is None else covered - invented
         fraction = mean(observed) / mean(covered)
         if isinstance(self._in_frame, Tensor) and not self._frame.is_inside(box, self._frame.box):
-            expected = box.seen_from(self._tiles[0]).of(self._in_frame)
+            expected = box.seen_from(self._tiles[0]).crop(self._in_frame)
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
 
     def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
         frame, content, tile = self._frame, self._frame.content, self._tiles[index]
-        sight = self._sight and self._sight.over(tile.seen_from(self._tiles[0]))
+        sight = self._sight and self._sight.crop(tile.seen_from(self._tiles[0]))
         division, shape = frame.division, self._like.shape
         blank = self._like.new_zeros(len(division.parts), shape[0] + 1, *tile[2:])
         full = self._full(index)
         compositor = TileCompositor(blank, full, division.groups, sight, closed=not content.open)
-        surfaces = {kind: blur.over_tile(index) for kind, blur in self._blurs.items()}
+        surfaces = {kind: blur.tile_layers(index) for kind, blur in self._blurs.items()}
         if UNCOVERED in surfaces:
             compositor.reserve(surfaces[UNCOVERED])
         order = frame.slices.composite_order
@@ -173,11 +175,11 @@ class Region:
         """
         box = self._tiles[index].seen_from(self._tiles[0])
         for trace in self._traces:
-            views = views + box.of(trace)
-        inside = box.of(self._in_scene) if isinstance(self._in_scene, Tensor) else 1.0
+            views = views + box.crop(trace)
+        inside = box.crop(self._in_scene) if isinstance(self._in_scene, Tensor) else 1.0
         for lights in self._discs:
             coverage = views[:, -1:] / inside
-            views = add_light(views, box.of(lights) * coverage)
+            views = add_light(views, box.crop(lights) * coverage)
         return views
 
     def _full(self, index: int) -> Tensor | float:
@@ -187,7 +189,7 @@ class Region:
             return 1.0
         if frame.is_inside(tile, frame.scene):
             return 1.0
-        return tile.seen_from(self._tiles[0]).of(self._in_scene)
+        return tile.seen_from(self._tiles[0]).crop(self._in_scene)
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
@@ -262,7 +264,7 @@ def rendered_regions(
             for tile in threaded(*work):
                 tiles.append(tile)
                 report(grid.box, 1)
-        views = joined([tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)])
+        views = assemble([tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)])
         return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
     def reported_whole(grid: Grid, part: ViewTensors) -> ViewTensors:
@@ -276,14 +278,14 @@ def _copied(
     frame: SharedFrame, grid: Grid, pixels: Tensor, part: ViewTensors | None = None
 ) -> ViewTensors:
     """Views of a region in focus: its pixels themselves, but for a part that was computed."""
-    image = grid.box.of(pixels).to(frame.dtype)
+    image = grid.box.crop(pixels).to(frame.dtype)
     trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
     area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
     if part:
         images, counts = [image.clone() for image in images], part.stats
         where = part.box.seen_from(grid.box)
         for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
-            where.of(whole).copy_(computed)
+            where.crop(whole).copy_(computed)
         area, tiles = area - part.box.area, tiles - counts["tiles"]
     slice_tiles = 2 * len(frame.radii) * tiles
     copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
@@ -298,14 +300,14 @@ def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Tensor) -> Grid 
     if not frame.copies_in_focus:
         return grid
     around = grid.box.grown(frame.margin, frame.box)
-    radii = around.of(signed_radius).detach()
+    radii = around.crop(signed_radius).detach()
     reached = _reached(frame, around, radii).tolist()
     if any(first > last for first, last in reached):
         return None
     if frame.settings.cat_eye is not None:  # seen from its corners, which neighbours share
         return grid
     spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in reached)
-    return grid.within(Box.over(*spans))
+    return grid.cut(Box.from_spans(*spans))
 
 
 def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:

@@ -22,7 +22,7 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.threads import own_modes, recorded_for, refuse_second_derivatives
 from defocus_core.tensors.validation import whole
-from defocus_core.tensors.views import ViewTensors, added, joined
+from defocus_core.tensors.views import ViewTensors, added, assemble
 
 # Counts that are 0 for copied tiles.
 _COMPUTED = (
@@ -63,7 +63,7 @@ class Renderer:
         self.repair = DepthRepair()
         if isinstance(scene, Surface):
             scene, self.repair = repaired(scene, settings)
-        self.in_focus = InFocus.of(scene)
+        self.in_focus = InFocus.from_scene(scene)
         (counted, signed_radius), layered = self.in_focus.surface.tensors[:2], self.in_focus.layers
         self.size, border = (signed_radius.shape[0], signed_radius.shape[1]), None
         if layered is not None:
@@ -132,7 +132,7 @@ class Renderer:
 
         parts = rendered_regions(self.frame, self.in_focus, at_once=at_once, progress=progress)
         if compiled is not None:
-            parts = (_about(part, compiled) for part in parts)
+            parts = (_recentred(part, compiled) for part in parts)
         if self.in_focus.layers is not None and not self.in_focus.layers.with_alpha:
             parts = map(without_alpha, parts)
         cat_eye = self.frame.settings.cat_eye
@@ -161,16 +161,16 @@ class Renderer:
         return _total(self.frame, self._counts)
 
 
-def _about(part: ViewTensors, centre: ViewTensors) -> ViewTensors:
+def _recentred(part: ViewTensors, centre: ViewTensors) -> ViewTensors:
     """Left and right of a part, about the centre view of a picture that was rendered alone.
 
     Their ratio is kept, and so their mean is the centre: whatever else was asked for, it is that.
     """
-    other = part.box.of(centre.images[0])
+    other = part.box.crop(centre.images[0])
     own = part.images[0]
     ratio = other / torch.where(own == 0, 1.0, own)
     images = [torch.where(own == 0, other, image * ratio) for image in part.images[1:]]
-    return part._replace(images=[other, *images], trust=part.box.of(centre.trust))
+    return part._replace(images=[other, *images], trust=part.box.crop(centre.trust))
 
 
 def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors]) -> ViewTensors:
@@ -180,7 +180,7 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors])
     `pixels`: [C, H, W], whose precision the views get.
     """
     if torch.is_grad_enabled():
-        views = joined(list(_in_rows(part.to(pixels.dtype) for part in parts)))
+        views = assemble(list(_in_rows(part.to(pixels.dtype) for part in parts)))
         for image in views.images:
             if image.requires_grad:
                 image.register_hook(refuse_second_derivatives)  # type: ignore[no-untyped-call]
@@ -190,8 +190,8 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors])
     counts: list[dict[str, int]] = []
     for part in (part.to(pixels.dtype) for part in parts):
         for image, part_image in zip(images, part.images, strict=True):
-            part.box.of(image).copy_(part_image)
-        part.box.of(trust).copy_(part.trust)
+            part.box.crop(image).copy_(part_image)
+        part.box.crop(trust).copy_(part.trust)
         counts.append(part.stats)
     whole = Box(0, 0, *pixels.shape[-2:])
     return ViewTensors(images, trust, _total(frame, counts), whole)

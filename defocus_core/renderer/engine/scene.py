@@ -81,7 +81,7 @@ def layers_of(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
             f"got {list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
             "one layer is colors[None]"
         )
-    layered = Layered.of(*tensors.values())
+    layered = Layered.from_layers(*tensors.values())
     if layered.deepest == 1 and not layered.open:
         return Surface(color_of(layered.picture()), layered.nearest())
     return layered
@@ -101,15 +101,15 @@ def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
     known = HiddenLayer(color, radius.to(surface.signed_radius), mask != 0)
     if not bool((known.mask & (known.signed_radius > surface.signed_radius)).any()):
         return surface
-    return Layered.of(*_taken_apart(surface, known))._replace(with_alpha=False)
+    return Layered.from_layers(*_split_surface(surface, known))._replace(with_alpha=False)
 
 
-def over(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
+def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
     """The layers of an element and its plate; the element goes on behind nearer parts of itself."""
     light, radius, cover = colors[0], signed_radius[0], coverage[0]
     there = cover > 0
     if not bool(there.any()):
-        return Layered.of(colors, signed_radius, coverage)
+        return Layered.from_layers(colors, signed_radius, coverage)
     nearest = torch.where(there, radius, radius[there].amin())  # from which nothing goes on
     found = hidden_layer(light / torch.where(there, cover, 1.0), nearest)
     if found is not None:
@@ -117,10 +117,10 @@ def over(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
         layers = [(light, radius, cover), (found.color, found.signed_radius, behind)]
         rest = zip(colors[1:], signed_radius[1:], coverage[1:], strict=True)
         colors, signed_radius, coverage = _stacked([*layers, *rest])
-    return Layered.of(colors, signed_radius, coverage)
+    return Layered.from_layers(colors, signed_radius, coverage)
 
 
-def _taken_apart(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
+def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
     """Colours, radii and coverage of layers: a surface, what is behind, and shares of nearer ones.
 
     A mixed pixel whose depth names the farther surface holds a share of the nearer one before what
@@ -186,7 +186,7 @@ class InFocus(NamedTuple):
     reaching: Tensor  # [H, W] px, the radii whose light reaches farthest
 
     @classmethod
-    def of(cls, scene: Scene) -> InFocus:
+    def from_scene(cls, scene: Scene) -> InFocus:
         """Look at a scene in focus."""
         if isinstance(scene, Surface):
             return cls(scene, None, scene.signed_radius)

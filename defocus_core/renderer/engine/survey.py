@@ -44,7 +44,7 @@ class Ranks:
         first = bits.flatten() >> (positive.dtype.itemsize * 8 - _BITS)
         return cls(positive, tally(first, 1 << (_BITS - 1)))
 
-    def about(self, rank: int) -> tuple[float, float]:
+    def bounds(self, rank: int) -> tuple[float, float]:
         """Two numbers between which the number of a rank lies."""
         return self._limits(int(torch.searchsorted(self.counts.cumsum(0), rank)))
 
@@ -149,13 +149,13 @@ def highlight_limit(survey: Survey) -> float:
     # negative light is never a highlight, nor twice as much of it a bound
     maximum, pixels = max(survey.brightest, 0.0), brightness.values.numel()
     rank = max(1, int(_ORDINARY * pixels))
-    if brightness.about(rank)[0] >= maximum / BRIGHTER:
+    if brightness.bounds(rank)[0] >= maximum / BRIGHTER:
         return maximum
     ordinary = brightness.exactly(rank)
     if ordinary >= maximum / BRIGHTER:
         return maximum
     drawn = max(1, int(_FRAMES * pixels / (math.pi * radius**2)))
-    beyond = brightness.about(max(1, pixels - drawn))[1]
+    beyond = brightness.bounds(max(1, pixels - drawn))[1]
     return max(BRIGHTER * ordinary, min(beyond, _ALWAYS * ordinary, maximum))
 
 
@@ -175,7 +175,7 @@ def needs_double(survey: Survey, limit: float) -> bool:
     if not lit:
         return False
     median = black + (lit + 1) // 2
-    low, high = brightness.about(median)
+    low, high = brightness.bounds(median)
     if bright <= _RANGE * low or bright > _RANGE * high:
         return bright > _RANGE * high
     return bright > _RANGE * brightness.exactly(median)

@@ -71,7 +71,9 @@ class Reach(NamedTuple):
     grain: float  # px of one grain
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
 
-    def behind(self, near: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int) -> Revealed:
+    def revealed(
+        self, near: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int
+    ) -> Revealed:
         """The surface that may show behind each coarse pixel.
 
         `near`: [height, width] px, the surface in front.

@@ -89,8 +89,8 @@ def backdrop_of(
         top = max(0, fine[0].middle + 4 * (first - _AROUND))
         below = min(H, fine[0].middle + 4 * (last + _AROUND) + fine[0].odd)
         box = Box(top, 0, below - top, W)
-        color, radius = (box.of(x).to(dtype) for x in (pixels, signed_radius))
-        coverage = None if matte is None else box.of(matte).to(radius)
+        color, radius = (box.crop(x).to(dtype) for x in (pixels, signed_radius))
+        coverage = None if matte is None else box.crop(matte).to(radius)
         mixed = mixed_pixels(color, radius, limit, coverage) if unmixes else no_pixels(color)
         halved, edges = _halved(color, radius, limit, grain, axes((H, W), top), mixed)
         level, halved_rows = coarser(structure(halved)), halved.middle[0].middle
@@ -116,8 +116,8 @@ def backdrop_of(
     reach = reach_of(edges, grain, maximum - minimum, fine)
     rest = levels[_DIRECTIONS:]
     groups = [levels[:_DIRECTIONS], *([rest] if launches_cost(edges.device) else zip(rest))]
-    tables = [SurfaceTable.of(group, fine) for group in groups if group]
-    adjacent = SurfaceTable.of([half_level], fine)
+    tables = [SurfaceTable.from_levels(group, fine) for group in groups if group]
+    adjacent = SurfaceTable.from_levels([half_level], fine)
     return Backdrop(half_level, adjacent, tables, reach, fine, (H, W), mixed)
 
 
@@ -131,7 +131,7 @@ def _put_together(
     half_level = stacked((band.half for band in bands), half.length, half.axis)
     level = stacked((band.quarter for band in bands), quarter.length, quarter.axis)
     edges = torch.cat([band.edges for band in bands])
-    return half_level, level, edges, MixedPixels.joined([band.mixed for band in bands])
+    return half_level, level, edges, MixedPixels.concatenate([band.mixed for band in bands])
 
 
 def _limits_of(signed_radius: Tensor) -> tuple[float, float]:

@@ -42,7 +42,7 @@ class CoarseGrid(NamedTuple):
     level: int
 
     @classmethod
-    def of(cls, size: tuple[int, int], fine: _Axes, level: int) -> CoarseGrid:
+    def from_size(cls, size: tuple[int, int], fine: _Axes, level: int) -> CoarseGrid:
         """Those of a part of (height, width)."""
         if not level:
             return cls(fine, fine, 0)
@@ -75,7 +75,7 @@ def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
     """The greatest value [..., H, W] of the coarse pixels that each pixel is part of."""
     down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
     wide = spread_out(values, (down.axis.odd, across.axis.odd))
-    return Box(down.before, across.before, *size).of(wide)
+    return Box(down.before, across.before, *size).crop(wide)
 
 
 def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
@@ -114,10 +114,10 @@ def hidden_layer(
         middle[0]._replace(middle=middle[0].middle - box.top),
         middle[1]._replace(middle=middle[1].middle - box.left),
     )
-    grid = CoarseGrid.of((H, W), fine, level)
+    grid = CoarseGrid.from_size((H, W), fine, level)
     coarse = grid.coarse(wanted or Box(0, 0, H, W))
-    near = coarse.of(least_of(signed_radius.detach(), fine) if level else signed_radius.detach())
-    revealed = backdrop.reach.behind(near, coarse, grid.middle, level)
+    near = coarse.crop(least_of(signed_radius.detach(), fine) if level else signed_radius.detach())
+    revealed = backdrop.reach.revealed(near, coarse, grid.middle, level)
     index = flat_nonzero(revealed.shown > near + STEP)
     if not len(index):
         return None

@@ -137,7 +137,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     middle, size = (down.axis, across.axis), (down.length, across.length)
     device, count = pyramid_level.first.data.device, size[0] * size[1]
     if count <= (_FEW_THERE if launches_cost(device) else _FEW):
-        dense, near = _apart(*_every(pyramid_level, (down, across), overlapping), alike)
+        dense, near = _two_farthest(*_every(pyramid_level, (down, across), overlapping), alike)
         is_edge = near.maximum > -torch.inf
         numbers = torch.arange(count, dtype=torch.int32, device=device)
         second_index = torch.where(is_edge, numbers, -1)
@@ -157,7 +157,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
         _split(pyramid_level, chunk, (down, across), overlapping, alike)
         for chunk in torch.split(edges, pieces(device, _BYTES_EACH))
     ]
-    far, near = (_joined([pair[i] for pair in pairs]) for i in (0, 1))
+    far, near = (_concatenated([pair[i] for pair in pairs]) for i in (0, 1))
     dense.data.index_copy_(1, edges, far.data)
     held = flat_nonzero(near.maximum > -torch.inf)
     if not len(held):
@@ -265,7 +265,7 @@ def _split(
             torch.cat([data, nearer], 1),
             torch.cat([fraction, fraction * (second_index >= 0)]),
         )
-    return _apart(data.view(len(data), -1, count), fraction.view(-1, count), alike)
+    return _two_farthest(data.view(len(data), -1, count), fraction.view(-1, count), alike)
 
 
 def _every(
@@ -292,7 +292,7 @@ def _every(
     return held.reshape(len(data), count, -1), sent(fraction, data)[:, None]
 
 
-def _apart(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, CellSurface]:
+def _two_farthest(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, CellSurface]:
     """The farthest surface and the next one in coarse pixels [n].
 
     `data`: [K + 3, k, n], the surfaces that each holds; `fraction`: [k, n] or [k, 1], their shares.
@@ -314,7 +314,7 @@ def _apart(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, C
     return sheets[0], sheets[1]
 
 
-def _joined(sheets: list[CellSurface]) -> CellSurface:
+def _concatenated(sheets: list[CellSurface]) -> CellSurface:
     """Sheets joined along their coarse pixels."""
     if len(sheets) == 1:
         return sheets[0]
@@ -339,7 +339,7 @@ def stacked(
     return PyramidLevel(
         (height, width),
         CellSurface(torch.cat(firsts, 1)),
-        _joined(seconds),
+        _concatenated(seconds),
         torch.cat(numbers),
         (axis, level.middle[1]),
         level.level,
@@ -378,7 +378,7 @@ class SurfaceTable(NamedTuple):
     start: Tensor
 
     @classmethod
-    def of(cls, levels: Sequence[PyramidLevel], fine: tuple[Axis, Axis]) -> SurfaceTable:
+    def from_levels(cls, levels: Sequence[PyramidLevel], fine: tuple[Axis, Axis]) -> SurfaceTable:
         """The table of levels of a frame; `fine`: where its middle is at full resolution."""
         firsts = [level.first for level in levels]
         like, counts = firsts[0].minimum, [len(first.weight) for first in firsts]

@@ -61,11 +61,11 @@ class SampleLayer(NamedTuple):
         """Both, [C, ..., H, W] and [1, ..., H, W]."""
         return [self.light, self.covered[None]]
 
-    def within(self, box: Box) -> SampleLayer:
+    def crop(self, box: Box) -> SampleLayer:
         """The layer in a box."""
-        coverage = self.coverage if self.is_whole else box.of(self.coverage)
-        radius = box.of(self.signed_radius)
-        return self._replace(color=box.of(self.color), coverage=coverage, signed_radius=radius)
+        coverage = self.coverage if self.is_whole else box.crop(self.coverage)
+        radius = box.crop(self.signed_radius)
+        return self._replace(color=box.crop(self.color), coverage=coverage, signed_radius=radius)
 
 
 class HiddenLayer(NamedTuple):

@@ -49,7 +49,7 @@ class Layered(NamedTuple):
     with_alpha: bool = True  # whether its views have alpha, which is 1 where a picture covers all
 
     @classmethod
-    def of(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
+    def from_layers(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
         """Look through the layers."""
         cover = coverage.detach()
         if not bool(((cover >= 0) & (cover <= 1)).all()):
@@ -73,7 +73,7 @@ class Layered(NamedTuple):
 
     def with_radii(self, signed_radius: Tensor) -> Layered:
         """The same layers with other radii."""
-        layers = Layered.of(self.colors, signed_radius, self.coverage)
+        layers = Layered.from_layers(self.colors, signed_radius, self.coverage)
         return layers._replace(with_alpha=self.with_alpha)
 
     @property
@@ -129,14 +129,14 @@ class Layered(NamedTuple):
 
     def radii(self, box: Box) -> tuple[Tensor, Tensor]:
         """Radii and coverage [L, h, w] in a box; the radius of nothing where it is 0."""
-        radius, coverage = (box.of(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
+        radius, coverage = (box.crop(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
         return torch.where(coverage > 0, radius, self.limits[1]), coverage
 
     def stack(self, box: Box, dtype: torch.dtype | None = None) -> SampleStack:
         """The samples of the pixels in a box, nearest first; of equal radii in order of layers."""
         dtype = dtype or self.dtype
         radius, coverage = self.radii(box)
-        color = torch.where(coverage[:, None] > 0, box.of(self.colors).to(dtype), 0.0)
+        color = torch.where(coverage[:, None] > 0, box.crop(self.colors).to(dtype), 0.0)
         radius, coverage = radius.to(dtype), coverage.to(dtype)
         color = torch.cat([color, coverage[:, None]], 1)
         there = coverage > 0
@@ -183,7 +183,7 @@ class SampleStack(NamedTuple):
         if len(self.color) == 1:
             return None
         known = torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
-        return box.of(known), box.of(self.signed_radius[-1])
+        return box.crop(known), box.crop(self.signed_radius[-1])
 
     def visible(self) -> tuple[SampleLayer, ...]:
         """What shows: the nearest sample, and what shows of those behind it."""
@@ -204,12 +204,12 @@ class SampleStack(NamedTuple):
         weights, first = [], 0
         at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
         for k, radius in enumerate(radii):
-            while k - first > FEW_SAMPLES and bool((_apart(radius, radii[first]) > 1).all()):
+            while k - first > FEW_SAMPLES and bool((_separation(radius, radii[first]) > 1).all()):
                 first += 1  # another surface, and so it is for all samples farther than this one
             not_hidden = torch.ones_like(radius)
             for start in range(first, k, at_once):
                 some = slice(start, min(start + at_once, k))
-                own = 1 - _apart(radius, radii[some]).clamp(0, 1)
+                own = 1 - _separation(radius, radii[some]).clamp(0, 1)
                 not_hidden = not_hidden * (1 - cover[some] * own).prod(0)
             weights.append((not_hidden - self.through[k]).clamp(min=0))
         return torch.stack(weights)
@@ -225,7 +225,7 @@ class SampleStack(NamedTuple):
         return tuple(layers)
 
 
-def _apart(radius: Tensor, nearer: Tensor) -> Tensor:
+def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
     """Up to 0 where radii [..., h, w] px are of one surface, from 1 on of two."""
     step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
     return 2 * (radius - nearer) / step - 1

@@ -212,7 +212,7 @@ class CompositeOrder(NamedTuple):
     # each. Octaves that come before no visible layer are absent
     ahead: list[tuple[int, int]]
 
-    def before(self, number: int) -> list[int]:
+    def octaves_before(self, number: int) -> list[int]:
         """The octaves that come before a layer."""
         return [octave for octave, first in self.ahead if first == number]
 

@@ -46,7 +46,7 @@ def level_beyond(slopes: Tensor, box: Box) -> Tensor:
     if box == given:
         return slopes
     whole = slopes.new_zeros(*slopes.shape[:-2], box.height, box.width)
-    given.of(whole).copy_(slopes)
+    given.crop(whole).copy_(slopes)
     rows, columns = given.sides
     continue_edges(whole[0, ..., columns.first : columns.end], given._replace(left=0))
     continue_edges(whole[1, ..., rows.first : rows.end, :], given._replace(top=0))
@@ -107,12 +107,12 @@ def blocks_of(
         return blocks_at(positions[at.unbind(1)], at, slices, size, sharp)
     learn, positions = positions.requires_grad, positions.detach()
 
-    def beside(place: Tensor) -> tuple[Tensor, Tensor]:
+    def slices_beside(place: Tensor) -> tuple[Tensor, Tensor]:
         return _slices_beside(place, slices, sharp, learn=learn)
 
     extremes = block_ranges(positions)
     occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
-    least, greatest = map(beside, extremes)
+    least, greatest = map(slices_beside, extremes)
     for slice_index in (*least, *greatest):
         occupied.scatter_(-1, slice_index[..., None], True)
     # which slices between the least and the greatest have a pixel?
@@ -120,7 +120,7 @@ def blocks_of(
     if len(several):
         mixed = _in_blocks(positions).transpose(-3, -2)[several.unbind(1)].flatten(1)
         slices_held = torch.zeros((len(several), slices), dtype=torch.bool, device=positions.device)
-        for slice_index in beside(mixed):
+        for slice_index in slices_beside(mixed):
             slices_held.scatter_(1, slice_index, True)
         occupied[several.unbind(1)] = slices_held
     return occupied.permute(2, 0, 1)
@@ -206,16 +206,16 @@ def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) ->
     `margin`: blur radius of the layer, in px.
     """
     lit = [
-        layer_side.within(wanted_side.grown(margin))
+        layer_side.intersection(wanted_side.grown(margin))
         for layer_side, wanted_side in zip(held, wanted, strict=True)
     ]
     shown = [
-        layer_side.grown(margin).within(wanted_side)
+        layer_side.grown(margin).intersection(wanted_side)
         for layer_side, wanted_side in zip(lit, wanted, strict=True)
     ]
     if min(span.length for span in (*lit, *shown)) <= 0:
         return None
-    return Patch(Box.over(*lit), Box.over(*shown), margin)
+    return Patch(Box.from_spans(*lit), Box.from_spans(*shown), margin)
 
 
 def patches(
@@ -252,7 +252,7 @@ def _blocks(first: Tensor, end: Tensor, length: int) -> Tensor:
 def _in_px(held: Sequence[list[int]], whole: Box) -> tuple[Span, Span]:
     """Rows and columns of pixels, from rows and columns of blocks."""
     down, across = (
-        Span(first * BLOCK, end * BLOCK).within(side)
+        Span(first * BLOCK, end * BLOCK).intersection(side)
         for (first, end), side in zip(held, whole.sides, strict=True)
     )
     return down, across
@@ -439,7 +439,7 @@ class SlicedSurface:
 
     def _unframed(self, box: Box, values: Tensor) -> Tensor:
         """Cut a rectangle, counted from the first sample, from framed values [..., h, w]."""
-        return box.seen_from(self._framed_box).of(values)
+        return box.seen_from(self._framed_box).crop(values)
 
     def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
         """The patches of layers in each tile; margins are blur radii in px, by number of layer."""
@@ -469,7 +469,7 @@ class SlicedSurface:
             if part is not None:
                 fractions = membership(self._unframed(part, layer.positions), numbers)
                 light = self._unframed(part, layer.light)[:, None]
-                part.seen_from(box).of(slices).addcmul_(light, fractions)
+                part.seen_from(box).crop(slices).addcmul_(light, fractions)
         return slices
 
     def fractions(self, slice_indices: range, box: Box) -> Tensor:
@@ -482,10 +482,10 @@ class SlicedSurface:
     def shifts(self, index: int) -> Tensor | None:
         """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
         tile = self._tiles[index].seen_from(self._given)
-        shifts = self._shifts.over(tile) if self._shifts else None
+        shifts = self._shifts.color_change(tile) if self._shifts else None
         if shifts is None or self._first.is_whole:
             return shifts
-        return shifts * tile.of(self._first.coverage)
+        return shifts * tile.crop(self._first.coverage)
 
     def slopes(self, window: Box) -> Tensor:
         """Slopes [2, height, width] within a window around a tile that has tilted slices."""
@@ -532,7 +532,9 @@ class SlicedSurface:
             mean_box = Box(-down.middle, -across.middle, *pixels.shape[-2:])
             overlap = mean_box.grown(0, coarse)
             if overlap.height > 0 and overlap.width > 0:
-                overlap.seen_from(coarse).of(result).add_(overlap.seen_from(mean_box).of(pixels))
+                overlap.seen_from(coarse).crop(result).add_(
+                    overlap.seen_from(mean_box).crop(pixels)
+                )
         return result
 
     def _bands(self, slice_index: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
@@ -573,7 +575,7 @@ def _bounds(blocks: Tensor, box: Box) -> Box | None:
         )
         for start, which in ((rows, down), (columns, across))
     )
-    return Box.over(*spans).grown(0, box)
+    return Box.from_spans(*spans).grown(0, box)
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:

@@ -148,7 +148,7 @@ class Shifts:
         means = stacked([mean for pair in centroids for mean in pair], signed_radius)
         self._centroids = means.view(-1, 2)[:, :dims]
 
-    def over(self, box: Box) -> Tensor | None:
+    def color_change(self, box: Box) -> Tensor | None:
         """The change of the colours of a surface within a rectangle: [M, C, h, w].
 
         None if nothing in the rectangle is near focus. On a GPU this is not checked, for the check
@@ -156,8 +156,8 @@ class Shifts:
         """
         around = box.grown(_BESIDE, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
-        color, radius = around.of(self._color), around.of(self._radius)
-        positions, r = inner.of(around.of(self._positions)), inner.of(radius)
+        color, radius = around.crop(self._color), around.crop(self._radius)
+        positions, r = inner.crop(around.crop(self._positions)), inner.crop(radius)
         size = r.abs()
         if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
             return None
@@ -169,7 +169,7 @@ class Shifts:
         # as positions do, it begins between SHARP and SOFT
         begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
-        slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
+        slopes = torch.stack([inner.crop(_slope(color, radius, dim)) for dim in dims])
         changes = slopes * (apparent - begun * r)
         first_mean, *means = (mean.view(-1, 1, 1, 1) for mean in self._centroids.unbind(1))
         moved: Tensor = first_mean * changes[0]

@@ -89,7 +89,7 @@ def write_choice(
     for done, focus in enumerate(focuses):
         renders.append([layer] * len(strengths))
         for n, strength in enumerate(strengths):
-            each = replace(job, lens=_at(strength, focus, small.scale))
+            each = replace(job, lens=_refocused(strength, focus, small.scale))
             image = compute(prepare(each, small.inputs)).images["render"]
             made = _jpeg(replace(small.inputs.color, planes=tuple(image)))
             renders[-1][n] = replace(layer, thumbnail=made)
@@ -105,7 +105,7 @@ def write_choice(
             {"value": value, "place": _place_of(small, value, shows_surface)} for value in focuses
         ],
         "strengths": [_strength_words(each) for each in strengths],
-        "place": list(lens.focus_at or subject_of(depth).within(depth.size)),
+        "place": list(lens.focus_at or subject_of(depth).scaled(depth.size)),
         "strength": _ASKED,
         "near": -1 if depth.inverted else 1,
         "command": _command(job, small.inputs.color),
@@ -142,7 +142,7 @@ def _strengths(lens: LensValues) -> list[LensValues]:
     return [replace(lens, fnum=number) for number in numbers]
 
 
-def _at(lens: LensValues, disparity: float, scale: float) -> LensValues:
+def _refocused(lens: LensValues, disparity: float, scale: float) -> LensValues:
     """The lens focused at a disparity, for a picture of another size."""
     lens = replace(lens, focus_at=None, focus_percentile=None)
     clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale

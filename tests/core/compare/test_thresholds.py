@@ -68,12 +68,12 @@ def test_the_last_pattern_that_matches_wins_and_flags_win_over_all(tmp_path):
         "[[override]]\nfiles = '*.png'\nfail = ['max>0.01', 'ssim<0.9']\nover = 0.25\n",
     )
     thresholds = read_thresholds(file)
-    assert texts(thresholds.of("render/a.exr").fail) == ["psnr<45"]
-    assert texts(thresholds.of("left/a.exr").fail) == ["psnr<40"]
-    assert texts(thresholds.of("left/a.png").fail) == ["max>0.01", "ssim<0.9"]
-    assert texts(thresholds.of("left/a.png").warn) == ["max>0.02"]
-    assert thresholds.of("left/a.png").over == 0.25
-    flagged = read_thresholds(file, fail=[rule("max>1")], over=0.125).of("left/a.png")
+    assert texts(thresholds.rules_of("render/a.exr").fail) == ["psnr<45"]
+    assert texts(thresholds.rules_of("left/a.exr").fail) == ["psnr<40"]
+    assert texts(thresholds.rules_of("left/a.png").fail) == ["max>0.01", "ssim<0.9"]
+    assert texts(thresholds.rules_of("left/a.png").warn) == ["max>0.02"]
+    assert thresholds.rules_of("left/a.png").over == 0.25
+    flagged = read_thresholds(file, fail=[rule("max>1")], over=0.125).rules_of("left/a.png")
     assert (texts(flagged.fail), flagged.over) == (["max>1"], 0.125)
     assert thresholds.idle(["render/a.exr", "x.png"]) == ["left/*"]
 

@@ -69,7 +69,7 @@ def test_a_floor_to_the_horizon_is_not_soft(farthest):
 def test_the_scale_spans_the_radii():
     radii, infinity = through_lens(torch.tensor([0.4, 3.2, 6.0], dtype=torch.float64))
     scale = distance_scale(float(radii.min()), float(radii.max()), infinity)
-    distance = scale.of(radii)
+    distance = scale.distances(radii)
     assert float(distance[0]) == pytest.approx(0.0)
     assert float(distance[2]) == pytest.approx(float(radii[2] - radii[0]))
     assert float(distance[1]) == pytest.approx(float(distance[2]) / 2)  # 3.2 m is half-way

@@ -133,4 +133,4 @@ def test_a_noisy_card_in_focus_has_no_holes(quality, amount):
     image, radius = scene(card()), card() + scatter(amount)
     found = render(image, radius, quality=quality).render
     inside = Box(27, 43, 74, 106)
-    assert worst(inside.of(found), inside.of(image)) < 0.06
+    assert worst(inside.crop(found), inside.crop(image)) < 0.06

@@ -18,11 +18,11 @@ def animation(folder, text, name="pull.csv"):
 
 
 def values(shot, frame):
-    return {name: each.value for name, each in shot.at(frame).items()}
+    return {name: each.value for name, each in shot.options_at(frame).items()}
 
 
 def key(shot, frame, name):
-    return shot.at(frame)[name].text
+    return shot.options_at(frame)[name].text
 
 
 def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path):
@@ -88,7 +88,7 @@ def test_between_percentiles_there_is_nothing(tmp_path):
     shot = animation(tmp_path, "frame,focus\n1,percentile(5)\n3,percentile(50)\n")
     assert key(shot, 1, "focus") == "percentile(5)"
     with refuses("idle-option", field="focus"):
-        shot.at(2)
+        shot.options_at(2)
 
 
 def test_one_option_is_animated_once(tmp_path):
@@ -103,14 +103,19 @@ def test_one_option_is_animated_once(tmp_path):
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     shot = animation(tmp_path, "frame,focus,fnumber\n1,1m,2\n2,2m,2\n")
     picture = PictureFiles("a", Path("a.exr"), Path("b.exr"), frame=2)
-    own = {"focal-length": parsed("focal-length", "50mm", CALLER.at("focal-length"))}
-    lens, _ = PictureLenses(own, animation=shot).of(picture)
+    own = {"focal-length": parsed("focal-length", "50mm", CALLER.with_field("focal-length"))}
+    lens, _ = PictureLenses(own, animation=shot).lens_of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
     for name in ("focus", "focus-at"):
         with refuses("contradiction", "pull.csv", field=name):
             PictureLenses(
-                {**own, name: parsed(name, "1,1" if name == "focus-at" else "1m", CALLER.at(name))},
+                {
+                    **own,
+                    name: parsed(
+                        name, "1,1" if name == "focus-at" else "1m", CALLER.with_field(name)
+                    ),
+                },
                 animation=shot,
             )
     with refuses("idle-option", field="animate"):
-        PictureLenses(own, animation=shot).of(PictureFiles("a", *[Path("a.exr")] * 2))
+        PictureLenses(own, animation=shot).lens_of(PictureFiles("a", *[Path("a.exr")] * 2))

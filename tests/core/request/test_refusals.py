@@ -130,7 +130,7 @@ def drawn(folder, text, table):
 
 def lens(folder, text):
     flags, _, said = text.partition("-" if text.startswith("-") else " -")
-    own = {n: parsed(n, v, CALLER.at(n)) for n, v in (f.split("=") for f in flags.split())}
+    own = {n: parsed(n, v, CALLER.with_field(n)) for n, v in (f.split("=") for f in flags.split())}
     refuse_contradiction(own)
     (folder / "lens.toml").write_text(said)
     assert PictureLenses(own, file=folder / "lens.toml").fixed

@@ -27,7 +27,7 @@ TURNED = "blade-rotation = 30\n"
 
 def lens_of(flags, file):
     own = {
-        name: parsed(name, text, CALLER.at(name))
+        name: parsed(name, text, CALLER.with_field(name))
         for name, text in flags.items()
         if text is not None
     }
@@ -75,7 +75,7 @@ def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, len
 
 def layer(**values):
     rows = {name.replace("_", "-"): value for name, value in values.items()}
-    return layer_of(rows, ROWS, Place(Path("folder/list.csv"), "line 3").at)
+    return layer_of(rows, ROWS, Place(Path("folder/list.csv"), "line 3").with_field)
 
 
 def test_later_layers_win_and_take_the_alternatives_along():
@@ -96,7 +96,7 @@ def test_metadata_win_over_a_lens_file_and_all_else_over_metadata(tmp_path):
     file = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\nfocus = "9m"\n')
     picture = PictureFiles("a", path, path)
     lenses = PictureLenses(layer(fnumber=8), file=file, metadata=True)
-    lens, taken = lenses.of(picture)
+    lens, taken = lenses.lens_of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist, [*taken]) == (50, 8, 3000, ["focus"])
     ((_, own),) = lenses.lenses(picture, [0], layer(focus="5m"))
     assert own.foc_dist == 5000

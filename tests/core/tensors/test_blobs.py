@@ -49,7 +49,9 @@ def test_a_spiral_is_one_blob():
 
 def _check(mask, band):
     width = mask.shape[1]
-    runs = Runs.joined([Runs.of(mask[y : y + band], y) for y in range(0, len(mask), band)])
+    runs = Runs.concatenate(
+        [Runs.from_mask(mask[y : y + band], y) for y in range(0, len(mask), band)]
+    )
     assert int(runs.area.sum()) == int(mask.sum())
     row, column = mask.nonzero().unbind(1)
     found = runs.blobs(width)[runs.holding(row, column, width)]

@@ -78,7 +78,7 @@ def test_the_callers_modes_do_not_change_a_picture(mode):
         seen = pictures(render(image, radius, left_right=True, threads=2))
         parts = list(Renderer(Surface(image, radius), Settings()).tiles())
     assert torch.equal(seen, wanted)
-    assert all(torch.equal(part.render, part.box.of(wanted[:3])) for part in parts)
+    assert all(torch.equal(part.render, part.box.crop(wanted[:3])) for part in parts)
 
 
 # backward sums in the caller's threads, and so in another order

@@ -4,7 +4,7 @@ import json
 import os
 import tarfile
 
-from records import pack, taken
+from records import completed, pack
 from refusals import refuses
 
 from defocus_core.batch.datasets import tar_shards
@@ -18,7 +18,7 @@ def names(path):
 
 
 def packed(out, count, limit=LARGE):
-    return pack(out, [taken(out, f"a_f1.4_s{i:03}") for i in range(count)], limit)
+    return pack(out, [completed(out, f"a_f1.4_s{i:03}") for i in range(count)], limit)
 
 
 def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
@@ -34,7 +34,7 @@ def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
 
 
 def test_samples_that_a_tar_cannot_tell_apart_are_refused(tmp_path):
-    records = [taken(tmp_path, name) for name in ("a.1", "a_1")]
+    records = [completed(tmp_path, name) for name in ("a.1", "a_1")]
     with refuses("duplicate", "a.1 and a_1"):
         pack(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
@@ -42,7 +42,9 @@ def test_samples_that_a_tar_cannot_tell_apart_are_refused(tmp_path):
 
 def test_the_bytes_depend_on_the_samples_alone(tmp_path):
     one = packed(tmp_path / "one", 3)[0]
-    records = [taken(tmp_path / "two", f"a_f1.4_s{i:03}", seconds={"render": i}) for i in (2, 0, 1)]
+    records = [
+        completed(tmp_path / "two", f"a_f1.4_s{i:03}", seconds={"render": i}) for i in (2, 0, 1)
+    ]
     os.utime(tmp_path / "two/render/a_f1.4_s001.png", (1, 1))
     two = pack(tmp_path / "two", records, LARGE)[0]
     assert one.read_bytes() == two.read_bytes()
@@ -67,11 +69,11 @@ def test_a_sample_that_is_too_large_has_a_shard_to_itself_and_what_is_not_needed
 
 
 def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path):
-    records = [taken(tmp_path, name) for name in "abc"]
+    records = [completed(tmp_path, name) for name in "abc"]
     shards = pack(tmp_path, records, 1)
     for path in shards:
         os.utime(path, (1, 1))
-    records[1] = taken(tmp_path, "b", level=9)
+    records[1] = completed(tmp_path, "b", level=9)
     shards[2].write_bytes(b"cut")
     pack(tmp_path, records, 1)
     assert [path.stat().st_mtime == 1 for path in shards] == [True, False, False]
@@ -79,7 +81,7 @@ def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path):
 
 
 def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path):
-    records = [taken(tmp_path, name) for name in "ab"]
+    records = [completed(tmp_path, name) for name in "ab"]
     (tmp_path / "coc" / "b.exr").unlink()
     with refuses("unreadable"):
         pack(tmp_path, records, LARGE)

@@ -5,14 +5,14 @@ import re
 from pathlib import Path
 
 import pytest
-from records import pack, record, taken
+from records import completed, pack, record
 from refusals import refuses
 
 import defocus_core
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal.journal import Ledger, journal_path
 from defocus_core.batch.journal.progress import progress
-from defocus_core.batch.journal.record import Asked, Failed, Taken, line_of, record_of
+from defocus_core.batch.journal.record import Asked, Completed, Failed, line_of, record_of
 from defocus_core.batch.journal.runs import open_run, run_path
 
 WRONG = [
@@ -145,7 +145,7 @@ def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
 
 
 def test_a_link_in_place_of_an_output_is_not_packed(tmp_path):
-    sample = taken(tmp_path, "a", ["render"])
+    sample = completed(tmp_path, "a", ["render"])
     secret = tmp_path / "secret"
     (tmp_path / "render" / "a.png").replace(secret)
     (tmp_path / "render" / "a.png").symlink_to(secret)
@@ -173,8 +173,8 @@ def test_a_broken_note_of_a_run_is_refused(note, tmp_path):
 
 def test_the_help_has_the_table_of_fields_and_a_record_no_other(tmp_path):
     text = (Path(defocus_core.__file__).parents[1] / "defocus_cli/help/batch.md").read_text()
-    fields = {name for kind in (Asked, Taken, Failed) for name in kind.__struct_fields__}
+    fields = {name for kind in (Asked, Completed, Failed) for name in kind.__struct_fields__}
     told = re.findall(r"^\| `(\w+)` \|", text.partition("### Records")[2], re.M)
     assert {*told} == fields - {"stats", "trace", "error"}
-    whole = taken(tmp_path, "a", split="train", measures={}, depth_repair=None)
+    whole = completed(tmp_path, "a", split="train", measures={}, depth_repair=None)
     assert record_of(line_of(whole)) == whole

@@ -59,6 +59,6 @@ def test_what_is_copied_hands_gradients_on():
     (views.render * weights).sum().backward()
     blurred = SPOTS["middle"].grown(64, Box(0, 0, H, W))
     copied = torch.ones(H, W, dtype=torch.bool)
-    blurred.of(copied)[:] = False
+    blurred.crop(copied)[:] = False
     assert torch.equal(image.grad[:, copied], weights[:, copied])
     assert not torch.equal(image.grad, weights)

@@ -49,7 +49,7 @@ def test_brightness_is_that_of_the_brightest_channel():
     survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32)
     whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
     for rank in (1, 5000, 14399, 14400):
-        low, high = survey.brightness.about(rank)
+        low, high = survey.brightness.bounds(rank)
         assert low <= float(whole[rank - 1]) <= high
         assert survey.brightness.exactly(rank) == float(whole[rank - 1])
     assert survey.darkest == float(image.half().min())

@@ -129,7 +129,7 @@ def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality, step
 def test_how_far_an_edge_shows_is_the_greatest_cone(kind):
     radius = street()[1] if kind == "street" else random_radius(SIZE)
     reach = backdrop_of(radius[None], radius).reach
-    revealed = reach.behind(radius, Box(0, 0, *SIZE), axes(SIZE), 0)
+    revealed = reach.revealed(radius, Box(0, 0, *SIZE), axes(SIZE), 0)
     y, x = (at.flatten() for at in torch.meshgrid(*map(torch.arange, SIZE), indexing="ij"))
     r, edges = radius.flatten(), torch.zeros(SIZE, dtype=torch.bool)
     down, across = radius.diff(dim=0), radius.diff(dim=1)
