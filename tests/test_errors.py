@@ -348,7 +348,6 @@ ROWS = [
         ("depth must be farther in focus .* last of 100 .* foclen=", {"depth": DEPTHS / 1000}),
         (f"max_radius must allow some lens.* {ATTEMPTS} lenses", {"max_radius": 1e-9}),
     ),
-    ("at_once must be at least 1", lambda: list(Renderer(Surface(IMAGE, RADIUS)).tiles(0))),
 ]
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from defocus_core.errors import DefocusError
 from defocus_core.picture import plain_path
-from defocus_core.picture.memory_budget import base_mb, regions_at_once
+from defocus_core.picture.memory_budget import base_mb, bound_of
 from defocus_core.picture.scene import passes_of, surfaces_of
 from defocus_core.picture.take import Take, repair_record, repair_words
 from defocus_core.request.job import Job
@@ -64,11 +64,11 @@ def forecast(job: Job) -> Forecast:
     """The forecast of a job; reads the inputs and repairs the depth."""
     inputs = plain_path.read(job)
     take, arrays = plain_path.prepare(job, inputs), inputs.arrays_mb
-    in_regions = [0.0]
+    bounds = [0.0]
     if job.outputs.need_rendering:
         surfaces = surfaces_of(take)
         take = replace(take, repair=surfaces.repair)
         for _, renderer in plain_path.renderers(take, passes_of(surfaces)):
-            in_regions.append(regions_at_once(job, renderer, arrays, take.device)[1])
+            bounds.append(bound_of(job, renderer, arrays, take.device))
     files = base_mb() + arrays if take.device == "cpu" else 0.0
-    return Forecast(take, files + max(in_regions))
+    return Forecast(take, files + max(bounds))

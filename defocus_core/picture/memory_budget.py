@@ -157,23 +157,22 @@ def room_on(device: str, room_mb: float) -> float:
     return max(room_mb if available is None else min(room_mb, available), 0.0)
 
 
-def regions_at_once(job: Job, renderer: Renderer, arrays: float, device: str) -> tuple[int, float]:
-    """The number of regions to compute at once, and the bound of their memory in MB."""
+def bound_of(job: Job, renderer: Renderer, arrays: float, device: str) -> float:
+    """The bound of the memory of a rendering in MB, which is refused if it does not fit."""
     from defocus_core.renderer.engine.memory_bound import memory_bound
 
     threads, room = job.machine.threads, room_on(device, capacity_mb(job.machine) - arrays)
 
-    def needed(threads: int, at_once: int, tile: int | None = None) -> float:
-        return memory_bound(renderer.with_tile(tile), threads, at_once) / memory.MB
+    def needed(threads: int, tile: int | None = None) -> float:
+        return memory_bound(renderer.with_tile(tile), threads) / memory.MB
 
-    for at_once in range(threads, 0, -1):
-        if (bound := needed(threads, at_once)) <= room:
-            return at_once, bound
+    if (bound := needed(threads)) <= room:
+        return bound
     mb = [math.ceil(part) for part in (base_mb(), arrays, bound)]
     one = "‹threads› 1 " if threads > 1 else ""
     ways: dict[str, tuple[int, int | None]] = {one.strip(): (1, None)} if one else {}
     ways |= {f"{one}‹tile› {tile}": (1, tile) for tile in _TILES}
-    fits = next((way for way, (count, tile) in ways.items() if needed(count, 1, tile) <= room), "")
+    fits = next((way for way, (count, tile) in ways.items() if needed(count, tile) <= room), "")
     raise TooLarge(
         "out-of-memory",
         f"needs {sum(mb)} MB to render ({mb[0]} for the program, {mb[1]} for its "

@@ -18,9 +18,9 @@ from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import (
     arrays_mb,
     base_mb,
+    bound_of,
     image_type,
     limit_mb,
-    regions_at_once,
     require_room,
 )
 from defocus_core.picture.pair import read as read_pair
@@ -85,34 +85,27 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
     job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:
         return take
-    images, maximum, limit = _Images(take), None, limit_mb(job.machine)
+    images, limit = _Images(take), limit_mb(job.machine)
     set_to_render()
     begun = time.perf_counter(), time.process_time()
     surfaces = surfaces_of(take)
     passes = passes_of(surfaces)
-    while True:
-        images.clamped.clear()
-        try:
-            for number, (each, renderer) in enumerate(renderers(take, passes)):
-                images.reach = max(images.reach, renderer.frame.farthest)
-                fitting, bound = maximum, 0.0
-                if fitting is None:
-                    fitting, bound = regions_at_once(job, renderer, inputs.arrays_mb, take.device)
-                images.bound = max(images.bound, bound)
-                if bound > _LARGE_MB or memory.held_mb() + bound > limit:
-                    memory.trim()  # much of the input is freed
-                shown = partial(_of_all, progress, limit, number, len(passes))
-                images.invented = 0  # seconds of one rendering
-                for part in renderer.tiles(fitting, shown):
-                    images.place(part, each, first=number == 0)
-            return _rendered(take, images, surfaces, renderer, begun)
-        except torch.OutOfMemoryError:  # other programs use the GPU, too
-            torch.cuda.empty_cache()
-            if maximum == 1:
-                problem = "does not fit into the memory of the GPU"
-                remedy = "use ‹device› cpu, or a smaller ‹tile›"
-                raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
-            maximum = 1
+    try:
+        for number, (each, renderer) in enumerate(renderers(take, passes)):
+            images.reach = max(images.reach, renderer.frame.farthest)
+            bound = bound_of(job, renderer, inputs.arrays_mb, take.device)
+            images.bound = max(images.bound, bound)
+            if bound > _LARGE_MB or memory.held_mb() + bound > limit:
+                memory.trim()  # much of the input is freed
+            shown = partial(_of_all, progress, limit, number, len(passes))
+            images.invented = 0  # seconds of one rendering
+            for part in renderer.tiles(shown):
+                images.place(part, each, first=number == 0)
+    except torch.OutOfMemoryError:  # other programs use the GPU, too
+        problem = "does not fit into the memory of the GPU"
+        remedy = "use ‹device› cpu, or a smaller ‹tile›"
+        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
+    return _rendered(take, images, surfaces, renderer, begun)
 
 
 def _rendered(

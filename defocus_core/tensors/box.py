@@ -113,16 +113,6 @@ class Grid(NamedTuple):
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
-    def cut(self, box: Box) -> Grid | None:
-        """The tiles cut to a rectangle; None if it holds no tile."""
-        cut = [tile.grown(0, box) for tile in self.tiles]
-        left = [tile for tile in cut if min(tile[2:]) > 0]
-        return (
-            self._replace(tiles=left, columns=sum(tile.top == left[0].top for tile in left))
-            if left
-            else None
-        )
-
     def seen_from(self, other: Box) -> Grid:
         """The same tiles counted from the corner of another rectangle."""
         return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])

@@ -1,24 +1,17 @@
-"""Work in threads, and the modes of torch for it and for its repetition by a backward pass.
-
-The number of results that wait for the caller is bounded.
-"""
+"""Work in threads, and the modes of torch for it and for its repetition by a backward pass."""
 
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import wraps
 from typing import ParamSpec, TypeVar, cast
 
 import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
-
-# Pieces for each thread that are begun before the first result is taken.
-AHEAD = 3
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -28,23 +21,10 @@ P = ParamSpec("P")
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
     """The results of work on each piece, in order, `threads` pieces at a time."""
     if threads == 1 or len(pieces) < 2:
-        return map(work, pieces)
-    return _in_threads(work, pieces, threads)
-
-
-def _in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
+        yield from map(work, pieces)
+        return
     with ThreadPoolExecutor(threads) as pool:
-        begun: deque[Future[R]] = deque()
-        in_modes = carried(work)
-        try:
-            for piece in pieces:
-                begun.append(pool.submit(in_modes, piece))
-                if len(begun) > AHEAD * threads:
-                    yield begun.popleft().result()
-            while begun:
-                yield begun.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        yield from pool.map(carried(work), pieces)
 
 
 def carried(work: Callable[[T], R]) -> Callable[[T], R]:
@@ -171,15 +151,3 @@ def requires_grad(given: object) -> bool:
     if isinstance(given, tuple | list):
         return any(map(requires_grad, given))
     return any(map(requires_grad, getattr(given, "__dict__", {}).values()))
-
-
-def unrecorded(device: torch.device) -> AbstractContextManager[None]:
-    """Inference mode on a CPU, which is faster than no_grad, unless gradients are enabled.
-
-    Other devices may have tensor classes from outside torch, which inference mode refuses.
-
-    Tensors computed within can take no part in a later backward pass; results are joined outside.
-    """
-    if torch.is_grad_enabled() or device.type != "cpu":
-        return nullcontext()
-    return torch.inference_mode()

@@ -54,15 +54,6 @@ def test_a_layer_is_computed_within_its_rectangle_and_nothing_invented_where_no_
 
 
 @pytest.mark.usefixtures("torch_back")
-def test_hidden_slices_are_culled_where_nothing_is_left_to_fill(tmp_path):
-    metres = flat(2.0)
-    metres[:, 2 * TILE + 1 :] = 6.0  # the edge of a card in focus, 1 px into the last tile
-    stats = rendered(tmp_path, metres)
-    assert stats["tiles_culled"] == 1
-    assert stats["slice_tiles_culled"] > 0
-
-
-@pytest.mark.usefixtures("torch_back")
 def test_large_radii_are_blurred_at_reduced_resolution(tmp_path):
     wide = ("--fnumber", "0.5", "--focal-length", "100mm")
     assert rendered(tmp_path, ramp(W, H))["slice_tiles_reduced"] == 0

@@ -5,9 +5,9 @@ import torch
 KINDS = ("render", "left", "right")
 
 
-def put_together(renderer, at_once=None):
+def put_together(renderer):
     (H, W), found = renderer.size, {}
-    for part in renderer.tiles(at_once):
+    for part in renderer.tiles():
         for kind in (*KINDS, "trust"):
             pixels = getattr(part, kind)
             if pixels is not None:

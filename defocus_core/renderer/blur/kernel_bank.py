@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
-from threading import Lock
 from typing import NamedTuple
 
 import torch
@@ -176,37 +174,6 @@ def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor
 _SIZES = 4
 # Number of slopes of a slice whose tilted kernels are cached.
 _PLANES = 4
-# Bytes of the spectra that are kept for further pictures.
-_MAX_BYTES = 1 << 25
-
-
-class KeptSpectra:
-    """Spectra that further pictures of one size and quality need, the latest used ones."""
-
-    def __init__(self, max_bytes: int = _MAX_BYTES) -> None:
-        """Keep none yet; `max_bytes`: of all that are kept."""
-        self._lock, self._bytes, self._max_bytes = Lock(), 0, max_bytes
-        self._spectra: OrderedDict[object, Tensor] = OrderedDict()
-
-    def get(self, key: object) -> Tensor | None:
-        """The spectrum of a key; None if there is none."""
-        with self._lock:
-            if key in self._spectra:
-                self._spectra.move_to_end(key)
-            return self._spectra.get(key)
-
-    def keep(self, key: object, spectrum: Tensor) -> None:
-        """Keep a spectrum, and as many of the others as there is room for."""
-        with self._lock:
-            if key is None or key in self._spectra:
-                return
-            self._spectra[key] = spectrum
-            self._bytes += spectrum.nbytes
-            while self._bytes > self._max_bytes:
-                self._bytes -= self._spectra.popitem(last=False)[1].nbytes
-
-
-_KEPT = KeptSpectra()
 
 
 class Spread(NamedTuple):
@@ -266,13 +233,7 @@ class TransformWindow:
         if self.requires_grad:  # a backward pass computes it again
             return self._transformed([slice_index], size, leaning=leaning)[0]
         slice_indices = self.slices if launches_cost(self.like.device) else [slice_index]
-        keys = [self._key(each, size, leaning=leaning) for each in slice_indices]
-        spectra = [spectrum for key in keys if (spectrum := _KEPT.get(key)) is not None]
-        if len(spectra) < len(keys):
-            with torch.inference_mode(False), torch.no_grad():  # for calls that need gradients
-                spectra = [*self._transformed(slice_indices, size, leaning=leaning)]
-            for key, spectrum in zip(keys, spectra, strict=True):
-                _KEPT.keep(key, spectrum)
+        spectra = self._transformed(slice_indices, size, leaning=leaning)
         for each, spectrum in zip(slice_indices, spectra, strict=True):
             self.spectra[each, size, leaning] = spectrum
         return self.spectra[slice_index, size, leaning]
@@ -315,14 +276,6 @@ class TransformWindow:
             for n, wanted in zip(self.size, minimum, strict=True)
         )
         return height, width
-
-    def _key(self, slice_index: int, size: tuple[int, int], *, leaning: bool) -> object:
-        """What the spectrum of a slice depends on; None if it is of this picture alone."""
-        if self.views:
-            return None
-        radius = float(self.radii[self.slices.index(slice_index)])
-        kind = self.like.dtype, self.like.device, self.level, leaning
-        return radius, size, self.margin, self.aperture.fixed, tuple(self.parts), kind
 
     def _transformed(
         self, slice_indices: list[int], size: tuple[int, int], *, leaning: bool

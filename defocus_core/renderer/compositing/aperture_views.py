@@ -21,9 +21,7 @@ from torch.nn.functional import pad
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import (
     add_within,
-    is_full,
     shown_behind,
-    shown_in_gaps,
     summed,
 )
 from defocus_core.renderer.compositing.sight import Openings, Sight
@@ -97,22 +95,20 @@ class TileCompositor:
         self,
         blank: Tensor,
         full: Tensor | float,
-        groups: list[slice],
         sight: Sight | None,
         *,
         closed: bool,
     ) -> None:
         """Begin without surfaces.
 
-        `groups`: parts whose gaps are filled or not together; `sight`: how far the lens sees at
-        each pixel; None where nothing limits it; `closed`: whether surfaces cover all of each
-        pixel.
+        `sight`: how far the lens sees at each pixel; None where nothing limits it; `closed`:
+        whether surfaces cover all of each pixel.
         """
         self.front = blank
         self.moved: Tensor | None = None
         self.invented: Tensor | None = None
         self.sight = sight
-        self._full, self._groups, self._closed = full, groups, closed
+        self._full, self._closed = full, closed
         self._covered: dict[int, Tensor] = {}  # before each layer
         self._hidden: list[tuple[ShownLayer, Tensor, Tensor]] = []  # with shares that are seen
         self._reserved: Tensor | None = None
@@ -147,9 +143,8 @@ class TileCompositor:
             return
         for behind, fraction, room in self._hidden if self._closed else ():
             within, window = _greatest(self._full, behind.box), behind.box.crop(self.front)
-            if seen := shown_in_gaps(window, behind.layer * (1 - fraction), within, self._groups):
-                rest, left = seen
-                self.front = add_within(self.front, behind.box, rest, left * room)
+            rest, left = shown_behind(window, behind.layer * (1 - fraction), within)
+            self.front = add_within(self.front, behind.box, rest, left * room)
         covered = self.front[:, -1:]
         gap = (self._full - covered).clamp(min=0) * (1 - self.sight.room)
         larger = 1 + gap / covered.clamp(min=_MIN_ROOM)
@@ -208,18 +203,11 @@ class TileCompositor:
         else:
             self.invented = torch.addcmul(self.invented, covered, share)
 
-    def is_full(self) -> bool:
-        """Whether no gap is left that is worth filling by an invented surface."""
-        return is_full(self.front, self._maximum, self._negligible)
-
     def fill(self, layer: Tensor | None) -> None:
         """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent."""
         if layer is None:
             return
-        seen = shown_in_gaps(self.front, layer, self._maximum, self._groups)
-        if seen is None:
-            return
-        layer, fraction = seen
+        layer, fraction = shown_behind(self.front, layer, self._maximum)
         if self._negligible:  # in each pixel for itself, whatever else is in the tile
             gap = self._maximum - self.front[:, -1:]
             fraction = fraction * (gap / self._negligible - 1).clamp(0, 1)

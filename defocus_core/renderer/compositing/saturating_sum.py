@@ -31,8 +31,6 @@ _STEEP = 1e9
 # Coverage below this many roundings is noise of the transforms: the share gets no gradient, for
 # every further layer would multiply it.
 _CERTAIN = 100
-# Greatest error of full coverage by transforms, in roundings.
-_FULL = 8
 # Shares of the aperture that differ by less are equal.
 EQUAL = 1e-6
 
@@ -110,35 +108,6 @@ def add_light(front: Tensor, light: Tensor) -> Tensor:
         return torch.cat([front[:, :channels] + light, front[:, channels:]], 1)
     front[:, :channels].add_(light)
     return front
-
-
-def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool:
-    """Whether no coverage is left to fill, if testing it is worthwhile.
-
-    False if `front` needs a gradient, for the coverage left has one; and on a GPU, where reading
-    the answer stalls for longer than it takes to add a layer of share 0.
-
-    `front`: [M, C + 1, h, w], as in `fraction_behind`.
-    """
-    if front.requires_grad or not front.is_cpu:
-        return False
-    return float((full - front[:, -1:]).amax()) <= max(gap, _FULL * torch.finfo(front.dtype).eps)
-
-
-def shown_in_gaps(
-    front: Tensor, layer: Tensor, full: Tensor | float, groups: list[slice]
-) -> tuple[Tensor, Tensor] | None:
-    """As `shown_behind`, of groups of parts that have a gap left; None where none has."""
-    filled = [
-        is_full(front[group], full[group] if isinstance(full, Tensor) else full) for group in groups
-    ]
-    if all(filled):
-        return None
-    layer, fraction = shown_behind(front, layer, full)
-    for group, is_filled in zip(groups, filled, strict=True):
-        if is_filled:  # the same to the last digit as where this group is alone
-            fraction[group] = 0.0
-    return layer, fraction
 
 
 def summed(layers: Sequence[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor:

@@ -162,8 +162,8 @@ def composite(
     continued: list[Filling],
     order: CompositeOrder,
     index: int,
-) -> list[Filling]:
-    """Add the surfaces over a tile to its views; returns the continued ones that show.
+) -> None:
+    """Add the surfaces over a tile to its views.
 
     Where what is visible hides known surfaces, all of these come first, in the order of layers.
     """
@@ -179,7 +179,7 @@ def composite(
 
     def fill(octave: int) -> None:
         for surface in () if HIDDEN in surfaces else continued:
-            if surface.has(octave, index) and not compositor.is_full():
+            if surface.has(octave, index):
                 compositor.fill(blurred_once(surface).octave(octave))
 
     def show(numbers: set[int]) -> None:
@@ -212,8 +212,6 @@ def composite(
         show({k})
     compositor.close()
     for surface in continued:
-        if not compositor.is_full():
-            compositor.fill(blurred_once(surface).whole())
+        compositor.fill(blurred_once(surface).whole())
     if aside is not None:
         compositor.put_together(aside)
-    return list(blurred)

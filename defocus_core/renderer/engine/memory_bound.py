@@ -6,9 +6,8 @@ from defocus_core.renderer.compiled.carried import by_loops, carries_pair
 from defocus_core.renderer.engine.frame import SharedFrame, corner_views
 from defocus_core.renderer.engine.plan import copies_of_tile
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.tensors.box import Box, Grid, regions
+from defocus_core.tensors.box import regions
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.threads import AHEAD
 
 # Bytes of the program's own structures, and of the tile of each thread.
 _FIXED, _OF_THREAD = 10e6, 24e6
@@ -29,49 +28,46 @@ _CODE = 140e6
 _PIXEL, _OF_EDGES, _OF_PAIR, _OF_LIGHTS, _OF_OTHERS, _ROWS = 75, 70, 65, 115, 60, 1500
 
 
-def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
+def memory_bound(renderer: Renderer, threads: int) -> float:
     """Upper bound of the bytes that rendering takes beside its input and output."""
     if renderer.back == "torch":
-        return _bound_of_torch(renderer, threads, at_once)
+        return _bound_of_torch(renderer, threads)
     content, pair = renderer.frame.content, renderer.frame.settings.left_right
     pixel = _PIXEL + _OF_EDGES * content.edges + _OF_PAIR * pair + _OF_LIGHTS * content.highlights
     pixel += _OF_OTHERS * (not by_loops(renderer.in_focus.surface))
     row = renderer.size[1] * 4 * renderer.frame.dtype.itemsize * (1 + pair)
     bound = _CODE + renderer.frame.box.area * pixel + threads * _ROWS * row
     if pair and not carries_pair(renderer.frame.settings):
-        bound = max(bound, _bound_of_torch(renderer, threads, at_once))
+        bound = max(bound, _bound_of_torch(renderer, threads))
     return bound
 
 
-def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
+def _bound_of_torch(renderer: Renderer, threads: int) -> float:
     """The bound of a rendering by regions."""
     frame, channels = renderer.frame, renderer.in_focus.surface.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size
     of_thread = _OF_THREAD
     if launches_cost(renderer.in_focus.reaching.device):
-        threads = at_once = 1
+        threads = 1
         area = max(tile.area for tile in frame.grid.tiles)
         copies = copies_of_tile(frame.slices.visible.layers)
         of_thread = float(area * sample * len(frame.division.parts) * copies)
     pixels = frame.box.area
-    grids = computed_regions(renderer)
-    at_once = max(1, min(at_once, len(grids)))
+    grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     copies = (
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
     )
     if renderer.in_focus.layers is not None:
         copies += _COPIES_OF_LAYER * renderer.in_focus.layers.number
-    region = max((needed_box(frame, grid).area for grid in grids), default=0) * sample * copies
-    result = max((grid.box.area for grid in grids), default=0)
-    result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
+    region = max(grid.box.grown(frame.margin, frame.box).area for grid in grids) * sample * copies
+    result = max(grid.box.area for grid in grids) * (channels * frame.views + 1) * size
     coarse = pixels * sample * frame.content.edges
-    # each region has kernels of its own where the pupil changes over the frame
-    versions = max(1, len(corner_views(frame, frame.box)) * at_once)
+    versions = max(1, len(corner_views(frame, frame.box)))
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = pixels * size
     whole = _FIXED + spectra + repaired + _bytes_of_layers(renderer)
-    computed = _HELD * coarse + threads * of_thread + at_once * (region + result)
+    computed = _HELD * coarse + threads * of_thread + region + 2 * result  # tiles, then joined
     return whole + max(_SURVEYED * pixels * size, _MADE * coarse, computed)
 
 
@@ -84,21 +80,6 @@ def _bytes_of_layers(renderer: Renderer) -> float:
     sizes = (layered.colors, channels), (layered.signed_radius, 1), (layered.coverage, 1)
     pixel = sum(count * many * kept.dtype.itemsize for kept, many in sizes)
     return float(height * width * (pixel + (channels + 3) * layered.dtype.itemsize))
-
-
-def computed_regions(renderer: Renderer) -> list[Grid]:
-    """The regions that are computed, cut to their blurred parts; the others are copied."""
-    from defocus_core.renderer.engine.regions import blurred_part
-
-    frame, radius = renderer.frame, renderer.in_focus.reaching
-    every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
-    parts = (blurred_part(frame, grid, radius) for grid in every)
-    return [part for part in parts if part]
-
-
-def needed_box(frame: SharedFrame, grid: Grid) -> Box:
-    """A region with the pixels around it that it depends on."""
-    return grid.box.grown(frame.margin, frame.box)
 
 
 def _bytes_of_spectra(frame: SharedFrame) -> float:

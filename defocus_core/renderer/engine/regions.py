@@ -1,16 +1,15 @@
-"""The regions of a picture: slice, blur, composite, tile by tile; several at once, in order.
+"""The regions of a picture: slice, blur, composite, tile by tile, in order.
 
 Slices of a layer are summed in the Fourier domain; layers are composited front to back, for each
 part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude. What
 a region holds is found first, from a picture or from layers with coverage; the region itself is
-given it, and computes tiles. Regions in focus are copied.
+given it, and computes tiles.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+import itertools
 from collections.abc import Callable, Iterator
-from itertools import count, islice
 
 import torch
 from torch import Tensor
@@ -24,7 +23,6 @@ from defocus_core.renderer.compositing.saturating_sum import (
     picture,
 )
 from defocus_core.renderer.engine.frame import (
-    NEIGHBOURHOOD,
     RegionPlace,
     SharedFrame,
     frame_at,
@@ -43,12 +41,11 @@ from defocus_core.renderer.engine.scene import InFocus
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.layers.alpha import Alpha, with_coverage
 from defocus_core.renderer.layers.layer import CONTINUED, HIDDEN, TRACE, UNCOVERED, VISIBLE
-from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
-from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
+from defocus_core.tensors.box import Box, Grid, regions
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.threads import recomputed, threaded, unrecorded
-from defocus_core.tensors.views import ViewTensors, added, assemble
+from defocus_core.tensors.threads import recomputed, threaded
+from defocus_core.tensors.views import ViewTensors, assemble
 
 
 def region_of(frame: SharedFrame, grid: Grid, scene: InFocus, backdrop: Backdrop | None) -> Region:
@@ -104,10 +101,10 @@ class Region:
     def tile(self, index: int) -> ViewTensors:
         """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
-        compositor, needed = self._composited(index)
+        compositor = self._composited(index)
         lit, division = self._lit(compositor.front, index), frame.division
         trust = self._trust(lit[:, -1], compositor.invented, box)
-        counts, content = self._counts(index, needed), frame.content
+        counts, content = self._counts(index), frame.content
         weights = division.weights
         centre = self._range.bounded(picture(lit[division.centre], weights[division.centre]))
         if not frame.settings.left_right:
@@ -144,24 +141,24 @@ class Region:
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
 
-    def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
-        """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
+    def _composited(self, index: int) -> TileCompositor:
+        """The views of a tile by the parts of the aperture."""
         frame, content, tile = self._frame, self._frame.content, self._tiles[index]
         sight = self._sight and self._sight.crop(tile.seen_from(self._tiles[0]))
         division, shape = frame.division, self._like.shape
         blank = self._like.new_zeros(len(division.parts), shape[0] + 1, *tile[2:])
         full = self._full(index)
-        compositor = TileCompositor(blank, full, division.groups, sight, closed=not content.open)
+        compositor = TileCompositor(blank, full, sight, closed=not content.open)
         surfaces = {kind: blur.tile_layers(index) for kind, blur in self._blurs.items()}
         if UNCOVERED in surfaces:
             compositor.reserve(surfaces[UNCOVERED])
         order = frame.slices.composite_order
-        needed = composite(compositor, surfaces, self._reaching(index), order, index)
+        composite(compositor, surfaces, self._reaching(index), order, index)
         if content.alpha is Alpha.COVERED:
             compositor.front = with_coverage(compositor.front)
         if content.open:
             compositor.leave_open()
-        return compositor, needed
+        return compositor
 
     def _reaching(self, index: int) -> list[Filling]:
         """The hidden surfaces that reach a tile."""
@@ -191,149 +188,50 @@ class Region:
             return 1.0
         return tile.seen_from(self._tiles[0]).crop(self._in_scene)
 
-    def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
+    def _counts(self, index: int) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
         windows, area = self._frame.slices.visible.windows, self._tiles[index].area
         of_visible, reaching = self._blurs[VISIBLE], self._reaching(index)
         pieces = of_visible.pieces[index]
         visible = [windows[slice_index] for slice_index in of_visible.surface.plan[index]]
-        hidden = [
-            surface.windows[slice_index]
-            for surface in reaching
-            for slice_index in surface.plan[index]
-        ]
         done = [(window, window.level) for window in visible]
         done += [
             (surface.windows[slice_index], surface.level + surface.windows[slice_index].level)
-            for surface in needed
+            for surface in reaching
             for slice_index in surface.plan[index]
         ]
         return {
             "pixels": area,
-            "pixels_copied": 0 if any(window.margin for window in visible + hidden) else area,
+            "pixels_copied": 0 if any(window.margin for window, _ in done) else area,
             "tiles": 1,
             "slice_tiles": 2 * len(windows),
             "slice_tiles_done": len(done),
             "slice_tiles_blurred": sum(window.margin > 0 for window, _ in done),
             "slice_tiles_reduced": sum(level > 0 for _, level in done),
-            "slice_tiles_culled": len(visible) + len(hidden) - len(done),
             "layer_pixels": area * len(pieces),
             "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
-            "tiles_culled": int(len(needed) < len(reaching)),
             "tiles_with_hidden": int(bool(reaching)),
         }
 
 
-# Greater than all rows and columns.
-_NOWHERE = 1 << 40
-
-
 def rendered_regions(
-    frame: SharedFrame,
-    scene: InFocus,
-    *,
-    at_once: int | None,  # greatest number of regions computed at once; None for as many as threads
-    progress: Callable[[int, int], None] | None,
+    frame: SharedFrame, scene: InFocus, progress: Callable[[int, int], None] | None
 ) -> Iterator[ViewTensors]:
-    """The views of each region of a picture, row by row, each from left to right."""
-    threads = frame.settings.threads
-    pixels, signed_radius = scene.surface.image, scene.surface.signed_radius
-    grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
-    with unrecorded(signed_radius.device):
-        backdrop = backdrop_in(frame, scene)
-    at_once = min(threads, len(grids), at_once or threads)
-    # a copied pixel has no gradient to the radius
-    may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
-    numbers, reported = count(1), Counter[Box]()
+    """The views of each region of a picture, row by row, each from left to right.
 
-    def report(box: Box, tiles: int) -> None:
-        """Report tiles of a region as done, unless it is computed again."""
-        reported[box] += tiles
-        for number in islice(numbers, tiles):
-            if progress and number <= len(frame.grid.tiles):
-                progress(number, len(frame.grid.tiles))
+    Regions are computed one after another, the tiles of each in threads.
+    """
+    backdrop = backdrop_in(frame, scene)
+    numbers, count = itertools.count(1), len(frame.grid.tiles)
 
     def computed(grid: Grid) -> ViewTensors:
-        part = blurred_part(frame, grid, scene.reaching) if may_copy else grid
-        if part is None:
-            return _copied(frame, grid, pixels)
-        tiles: list[ViewTensors] = []
-        with unrecorded(signed_radius.device):
-            region = region_of(frame, part, scene, backdrop)
-            work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
-            for tile in threaded(*work):
-                tiles.append(tile)
-                report(grid.box, 1)
-        views = assemble([tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)])
-        return views if part.box == grid.box else _copied(frame, grid, pixels, views)
+        region, tiles = region_of(frame, grid, scene, backdrop), list[ViewTensors]()
+        work = recomputed(region.tile), range(len(grid.tiles)), frame.settings.threads
+        for tile in threaded(*work):
+            tiles.append(tile)
+            if progress and (number := next(numbers)) <= count:  # else a backward pass repeats it
+                progress(number, count)
+        return assemble([tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)])
 
-    def reported_whole(grid: Grid, part: ViewTensors) -> ViewTensors:
-        report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
-        return part
-
-    return map(reported_whole, grids, threaded(recomputed(computed), grids, at_once))
-
-
-def _copied(
-    frame: SharedFrame, grid: Grid, pixels: Tensor, part: ViewTensors | None = None
-) -> ViewTensors:
-    """Views of a region in focus: its pixels themselves, but for a part that was computed."""
-    image = grid.box.crop(pixels).to(frame.dtype)
-    trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
-    area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
-    if part:
-        images, counts = [image.clone() for image in images], part.stats
-        where = part.box.seen_from(grid.box)
-        for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
-            where.crop(whole).copy_(computed)
-        area, tiles = area - part.box.area, tiles - counts["tiles"]
-    slice_tiles = 2 * len(frame.radii) * tiles
-    copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
-    return ViewTensors(images, trust, added([counts, copies]), grid.box)
-
-
-def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Tensor) -> Grid | None:
-    """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
-
-    `signed_radius`: [H, W] px of the frame. Returns none if all of the region is copied.
-    """
-    if not frame.copies_in_focus:
-        return grid
-    around = grid.box.grown(frame.margin, frame.box)
-    radii = around.crop(signed_radius).detach()
-    reached = _reached(frame, around, radii).tolist()
-    if any(first > last for first, last in reached):
-        return None
-    if frame.settings.cat_eye is not None:  # seen from its corners, which neighbours share
-        return grid
-    spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in reached)
-    return grid.cut(Box.from_spans(*spans))
-
-
-def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
-    """The first and the last row, and column, that blurred light reaches: [2, 2].
-
-    The first one is greater if none is reached.
-
-    `radii`: [h, w] px of the part.
-    """
-    minimum, maximum = (torch.cat([end(1), end(0)]) for end in (radii.amin, radii.amax))
-    blurred, reach = (minimum < -SHARP) | (maximum > SHARP), _reach(frame, minimum, maximum)
-    lines = [torch.arange(side.first, side.end, device=radii.device) for side in around.sides]
-    at, sizes = torch.cat(lines), [len(line) for line in lines]
-    first = torch.split(torch.where(blurred, at - reach, _NOWHERE), sizes)
-    last = torch.split(torch.where(blurred, at + reach, -_NOWHERE), sizes)
-    pairs = zip(first, last, strict=True)
-    return torch.stack([torch.stack([one.amin(), other.amax()]) for one, other in pairs])
-
-
-def _reach(frame: SharedFrame, minimum: Tensor, maximum: Tensor) -> Tensor | int:
-    """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
-    if frame.content.edges:  # which reveal hidden surfaces, too
-        return frame.margin
-    slice_radii = torch.tensor(frame.radii, dtype=torch.float64, device=minimum.device)
-    spread = torch.tensor(frame.slices.visible.reaches, device=minimum.device)
-    nearest = torch.searchsorted(slice_radii, minimum.double(), right=True) - 1
-    farthest = torch.searchsorted(slice_radii, maximum.double())
-    limits = (end.clamp(0, len(slice_radii) - 1) for end in (nearest, farthest))
-    return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in limits))
+    for row in regions(frame.grid, frame.margin):
+        yield from map(recomputed(computed), row)

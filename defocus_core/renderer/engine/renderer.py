@@ -21,13 +21,12 @@ from defocus_core.renderer.layers.alpha import color_of, without_alpha
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.threads import own_modes, recorded_for, refuse_second_derivatives
-from defocus_core.tensors.validation import whole
 from defocus_core.tensors.views import ViewTensors, added, assemble
 
 # Counts that are 0 for copied tiles.
 _COMPUTED = (
-    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
-    *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
+    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced"),
+    *("layer_pixels", "layer_pixels_done", "tiles_with_hidden"),
 )
 
 
@@ -87,24 +86,16 @@ class Renderer:
         """What blurs and composites the centre view: ``compiled`` loops, or ``torch``."""
         return "compiled" if carries(self.frame, self.in_focus) else "torch"
 
-    def tiles(
-        self,
-        at_once: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Iterator[ViewTensors]:
+    def tiles(self, progress: Callable[[int, int], None] | None = None) -> Iterator[ViewTensors]:
         """Compute the tiles, and give them by region: in rows from the top, from left to right.
 
         Their images are [C, h, w], in the precision of the scene, float32 at least.
-
-        `at_once`: greatest number of regions computed at once, which bounds memory; None for as
-        many as threads.
         """
-        at_once = None if at_once is None else whole("at_once", at_once, "None is as threads")
         self._counts.clear()
         dtype = torch.promote_types(self._given.tensors[0].dtype, torch.float32)
         # not around the loop: the caller, who takes the tiles, would get the modes, too
         with self._modes():
-            parts = self._parts(at_once, progress)
+            parts = self._parts(progress)
         while True:
             with self._modes():
                 part = next(parts, None)
@@ -114,9 +105,7 @@ class Renderer:
                 part = part.to(dtype)
             yield part
 
-    def _parts(
-        self, at_once: int | None, progress: Callable[[int, int], None] | None
-    ) -> Iterator[ViewTensors]:
+    def _parts(self, progress: Callable[[int, int], None] | None) -> Iterator[ViewTensors]:
         compiled = None
         if self.back == "compiled":
             from defocus_core.renderer.compiled.once import compile_once
@@ -130,7 +119,7 @@ class Renderer:
                 return iter([compiled])
         from defocus_core.renderer.engine.regions import rendered_regions
 
-        parts = rendered_regions(self.frame, self.in_focus, at_once=at_once, progress=progress)
+        parts = rendered_regions(self.frame, self.in_focus, progress)
         if compiled is not None:
             parts = (_recentred(part, compiled) for part in parts)
         if self.in_focus.layers is not None and not self.in_focus.layers.with_alpha:
@@ -147,7 +136,7 @@ class Renderer:
             if layers is not None and not layers.with_alpha:
                 pixels = color_of(pixels)
             pixels = pixels.to(self._given.tensors[0].dtype)
-            return _assembled(self.frame, pixels, self.tiles(progress=progress))
+            return _assembled(self.frame, pixels, self.tiles(progress))
 
     def with_tile(self, tile: int | None) -> Renderer:
         """The renderer of the same scene with tiles of another side in px; itself for None."""

@@ -124,34 +124,11 @@ def test_tile_sets_the_grid(tmp_path):
     assert not again["done_before"], "other tiles make other last digits"
 
 
-def out_of_memory(monkeypatch, fits):
-    """A device that holds some regions at once; how many are tried on it."""
-    tried: list[int | None] = []
-    true_tiles = renderer.Renderer.tiles
-
-    def tiles(self, at_once=None, progress=None):
-        tried.append(at_once)
-        parts = true_tiles(self, at_once, progress)
-        if at_once is None or at_once > fits:
-            yield next(parts)
-            raise torch.OutOfMemoryError
-        yield from parts
+def test_where_no_region_fits_a_gpu_the_picture_is_refused(tmp_path, monkeypatch):
+    def tiles(self, progress=None):
+        raise torch.OutOfMemoryError
 
     monkeypatch.setattr(renderer.Renderer, "tiles", tiles)
-    return tried
-
-
-def test_where_a_gpu_runs_out_of_memory_regions_come_one_by_one(tmp_path, monkeypatch):
-    args = (*pair(tmp_path), "--threads", "2")
-    render(*args, "-o", tmp_path / "a")
-    tried = out_of_memory(monkeypatch, fits=1)
-    assert render(*args, "-o", tmp_path / "b").code == 0
-    assert tried == [2, 1]
-    assert files(tmp_path / "a") == files(tmp_path / "b")
-
-
-def test_where_no_region_fits_a_gpu_the_picture_is_refused(tmp_path, monkeypatch):
-    out_of_memory(monkeypatch, fits=0)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out")
     refused(ran, 3, "out-of-memory", "a.exr")
 

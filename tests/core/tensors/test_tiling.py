@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core.renderer.layers.sliced_surface import blocks_of, visible_slices
-from defocus_core.tensors.box import TILE, Box, grid_over
+from defocus_core.tensors.box import TILE, grid_over
 
 
 @pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])
@@ -31,15 +31,3 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place):
             assert 1 in plan
         if max(down, across) > 36:
             assert 1 not in plan
-
-
-def test_a_grid_is_cut_to_a_rectangle():
-    grid = grid_over(300, 400, 100)
-    part = grid.cut(Box(80, 150, 150, 90))
-    assert part.columns == 2
-    assert part.tiles == [
-        Box(80, 150, 20, 50), Box(80, 200, 20, 40), Box(100, 150, 100, 50), Box(100, 200, 100, 40),
-        Box(200, 150, 30, 50), Box(200, 200, 30, 40),
-    ]  # fmt: skip
-    assert grid.cut(Box(-50, -50, 500, 500)) == grid
-    assert grid.cut(Box(300, 0, 20, 400)) is None

@@ -35,7 +35,7 @@ def measured(case):
     reset_peak()
     before = memory.held_mb()
     renderer = Renderer(Surface(image, radii), settings)
-    bound = memory_bound(renderer, threads, threads)
+    bound = memory_bound(renderer, threads)
     for _ in renderer.tiles():
         pass
     print(1e6 * (peak_mb() - before), bound)

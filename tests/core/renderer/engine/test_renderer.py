@@ -2,12 +2,10 @@
 
 import pytest
 import torch
-from counting import calls
 from synthetic_scenes import scenery
 from windows import KINDS, put_together, same
 
 from defocus_core import render
-from defocus_core.renderer.blur import kernel_bank
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface, with_hidden
 from defocus_core.renderer.engine.settings import Settings
@@ -18,9 +16,9 @@ from defocus_core.renderer.layers.layer import HiddenLayer
 def test_a_renderer_is_the_rendering(kind):
     image, radius = scenery(kind, 450, 100, 6.0)
     whole = render(image, radius, left_right=True)
-    for threads, at_once in ((1, None), (3, 1)):
+    for threads in (1, 3):
         renderer = Renderer(Surface(image, radius), Settings(left_right=True, threads=threads))
-        pictures = put_together(renderer, at_once)
+        pictures = put_together(renderer)
         assert pictures.keys() == {*KINDS, "trust"}
         assert same(pictures, whole)
         assert renderer.stats == whole.stats
@@ -80,22 +78,3 @@ def test_the_caller_who_takes_a_region_keeps_gradients():
     assert torch.is_grad_enabled()
     regions.close()
     assert torch.is_grad_enabled()
-
-
-@pytest.mark.usefixtures("torch_back")
-def test_pictures_of_one_size_and_quality_share_the_spectra_of_kernels():
-    image, radius = scenery("cards", 60, 80, 5.3)
-    seen = []
-    first, second = (
-        calls(lambda: seen.append(render(image, radius).render), "kernel_spectra") for _ in range(2)
-    )
-    assert first > second == 0
-    assert torch.equal(*seen)
-
-
-def test_the_spectra_that_are_kept_take_no_more_bytes_than_allowed():
-    kept, spectrum = kernel_bank.KeptSpectra(100), torch.ones(10)
-    for key in range(3):
-        kept.keep(key, spectrum)
-        assert kept.get(0) is spectrum  # the one that was used last stays
-    assert [kept.get(key) is None for key in range(3)] == [False, True, False]

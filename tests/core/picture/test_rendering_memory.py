@@ -1,4 +1,4 @@
-"""How many regions of a picture are computed at once, and what is said where none fits."""
+"""What is said of a picture that does not fit into the memory of the machine."""
 
 import re
 from dataclasses import replace
@@ -23,9 +23,7 @@ def short(tmp_path, monkeypatch):
     def made(bound, limit=None):
         memory_budget.limit_mb(Machine())  # kept for the tests that come later
         monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
-        monkeypatch.setattr(
-            memory_bound, "memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
-        )
+        monkeypatch.setattr(memory_bound, "memory_bound", lambda _, threads: 1e6 * bound(threads))
         color, depth = pair(tmp_path)
         lens, outputs = LensValues(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
         machine = Machine(threads=4, memory=limit)
@@ -34,48 +32,42 @@ def short(tmp_path, monkeypatch):
     return made
 
 
-def regions_at_once(job, room_mb=None):
-    """As many as are computed beside arrays of 10 MB, by a limit that leaves some room."""
+def bound_of(job, room_mb=None):
+    """The bound in MB beside arrays of 10 MB, by a limit that leaves some room."""
     if room_mb is not None:
         limit = int(memory.MB * (memory_budget.base_mb() + 10 + room_mb))
         job = replace(job, machine=replace(job.machine, memory=limit))
     renderer: Any = SimpleNamespace(with_tile=lambda tile: tile)
-    return memory_budget.regions_at_once(job, renderer, 10.0, "cpu")[0]
+    return memory_budget.bound_of(job, renderer, 10.0, "cpu")
 
 
 @pytest.mark.parametrize(
     ("of_one_thread", "remedy"), [(90.0, "use ‹threads› 1"), (800.0, "smaller picture")]
 )
 def test_what_does_not_fit_is_refused_with_what_would_help(of_one_thread, remedy, short):
-    job = short(lambda threads, at_once: of_one_thread if threads == 1 else 450.0)
+    job = short(lambda threads: of_one_thread if threads == 1 else 450.0)
     with pytest.raises(TooLarge, match=remedy):
-        regions_at_once(job)
+        bound_of(job)
 
 
 def test_a_smaller_tile_is_proposed_if_that_is_enough(short, monkeypatch):
-    job = short(lambda threads, at_once: 90.0)
+    job = short(lambda threads: 90.0)
     monkeypatch.setattr(memory_bound, "memory_bound", lambda tile, *_: 1e6 * (tile or 1000) / 3)
     with pytest.raises(TooLarge, match="use ‹threads› 1 ‹tile› 256"):
-        regions_at_once(job, 90.0)
-
-
-@pytest.mark.parametrize(("room", "regions"), [(1e6, 4), (75.0, 3), (60.0, 2), (45.0, 1)])
-def test_as_many_regions_as_fit_are_computed_at_once(room, regions, short):
-    job = short(lambda threads, at_once: 80.0 * (at_once / 4) ** 0.5)
-    assert regions_at_once(job, room) == regions
+        bound_of(job, 90.0)
 
 
 def test_what_a_limit_forbids_a_greater_one_would_allow(short, monkeypatch):
-    job = short(lambda threads, at_once: 60.0, limit=500 * memory.MB)
+    job = short(lambda threads: 60.0, limit=500 * memory.MB)
     monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 4000.0)
     with pytest.raises(TooLarge, match=r"use ‹memory› \d+MB") as refusal:
-        regions_at_once(job, 30.0)
+        bound_of(job, 30.0)
     said = int(re.findall(r"\d+", str(refusal.value))[-1])
     assert 70 < said - memory_budget.base_mb() < 90, "10 of files, and 60"
 
 
 def test_rendering_refuses_what_does_not_fit_and_writes_nothing(tmp_path, short):
-    job = short(lambda threads, at_once: 90.0 if threads == 1 else 450.0)
+    job = short(lambda threads: 90.0 if threads == 1 else 450.0)
     files = (job.picture.color, job.picture.depth)
     ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "4")
     refused(ran, 3, "out-of-memory", "a.exr")
