@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.array_files import NAMED, array_type, read_map
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
-from defocus_core.io.exr.deep_samples import strips
+from defocus_core.io.exr.deep_samples import read_deep_samples
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, linear_to_srgb, srgb_to_linear, unit
@@ -246,12 +246,14 @@ def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[An
     """The samples of all deep parts; none if the file is flat."""
     found: dict[str, list[NDArray[Any]]] = {}
     for header in headers:
-        for strip in strips(path, header) if header.deep else ():
-            rows, columns = np.divmod(strip.pixel.astype(np.int64), strip.window.width)
-            places = (rows + strip.window.y0 << 32) + columns + strip.window.x0
-            found.setdefault("", []).append(places)
-            for channel in header.channels:
-                found.setdefault(channel.name, []).append(strip.values[channel.name])
+        if not header.deep:
+            continue
+        samples = read_deep_samples(path, header)
+        rows, columns = np.divmod(samples.pixel.astype(np.int64), samples.window.width)
+        places = (rows + samples.window.y0 << 32) + columns + samples.window.x0
+        found.setdefault("", []).append(places)
+        for channel in header.channels:
+            found.setdefault(channel.name, []).append(samples.values[channel.name])
     return {name: np.concatenate(pieces) for name, pieces in found.items()}
 
 

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_layers import merge_samples, mix_samples
-from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip
+from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, DeepSamples
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.color import Color
 from defocus_core.system.text import counted
-
-_CUT_AT_ONCE = 1 << 16  # pixels
 
 
 @dataclass(frozen=True)
@@ -62,21 +59,18 @@ class Layers:
         """These layers with the samples of two pictures sorted by depth."""
         if not self.front:
             return self
-        shape, merged = self.alpha[0].shape, 0
         names = (*(str(k) for k in range(len(self.light[0]))), ALPHA)
-        layers: list[dict[str, Any]] = []
-        for rows in bands(shape, _CUT_AT_ONCE):
-            strip = self._samples(rows, names)
-            behind = strip.pixel[strip.rank >= self.front] if self.front else ()
-            both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
-            strip, count = merge_samples(mix_samples(strip, names, both), names)
-            merged += count
-            while len(layers) < max(1, strip.maximum):
-                layers.append({name: np.zeros(shape, "float32") for name in (*names, DEPTH)})
-            for number, layer in enumerate(layers):
-                chosen = strip.rank == number
-                for name, plane in layer.items():
-                    plane[rows] = strip.dense(chosen, strip.values[name])
+        samples = self._samples(names)
+        behind = samples.pixel[samples.rank >= self.front]
+        both = np.intersect1d(behind, samples.pixel[samples.rank < self.front])
+        samples, merged = merge_samples(mix_samples(samples, names, both), names)
+        layers = [
+            {
+                name: samples.dense(samples.rank == number, samples.values[name])
+                for name in (*names, DEPTH)
+            }
+            for number in range(max(1, samples.maximum))
+        ]
         far = np.float32(np.inf)
         for layer in layers:
             layer[DEPTH][~(layer[ALPHA] > 0)] = far
@@ -88,18 +82,18 @@ class Layers:
             merged=self.merged + merged,
         )
 
-    def _samples(self, rows: slice, names: tuple[str, ...]) -> Strip:
-        """The samples of some rows, by number of the light, alpha and depth."""
-        window = Window(0, rows.start, self.alpha[0].shape[1] - 1, rows.stop - 1)
+    def _samples(self, names: tuple[str, ...]) -> DeepSamples:
+        """The samples of all layers, by number of the light, alpha and depth."""
+        height, width = self.alpha[0].shape
         columns = []
         every = zip(self.light, self.alpha, self.depths, strict=True)
         for number, (light, alpha, depth) in enumerate(every):
-            planes = [plane[rows] for plane in (*light, alpha, depth.metres)]
-            at = np.flatnonzero(planes[len(light)] > 0)
-            rank = np.full(len(at), number)
-            columns.append((at, rank, *(np.ravel(plane)[at] for plane in planes)))
+            at = np.flatnonzero(alpha > 0)
+            planes = (np.ravel(plane)[at] for plane in (*light, alpha, depth.metres))
+            columns.append((at, np.full(len(at), number), *planes))
         pixel, rank, *values = (np.concatenate(each) for each in zip(*columns, strict=True))
-        return Strip(window, pixel, rank, dict(zip((*names, DEPTH), values, strict=True)))
+        window = Window(0, 0, width - 1, height - 1)
+        return DeepSamples(window, pixel, rank, dict(zip((*names, DEPTH), values, strict=True)))
 
     def hold_out(self, holdout: Layers, black: Any) -> Layers:
         """These layers with those of a holdout, which hide others and have no light."""

@@ -110,9 +110,10 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
         native = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
         if any(part.deep for part in parts):
             # the picture in focus in floats; of each layer its channels, metres and radius; and
-            # samples as they are held, their channels in floats, place and rank
-            layers, held = _layers_of(path), _FLOAT * (len(kinds) + 2)
-            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT + held)
+            # samples as they are decoded and sorted: their channels twice, place, order and rank
+            layers, samples = _layers_of(path)
+            held = samples / info.pixels * _FLOAT * (2 * len(kinds) + 6)
+            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT) + held
         names = [channel.name for part in parts for channel in part.channels]
         light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
         whole = 0.0 if is_exr(read_head(path)) else native
@@ -129,13 +130,13 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
     return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
 
 
-def _layers_of(path: Path) -> int:
-    """The number of layers of a deep EXR."""
+def _layers_of(path: Path) -> tuple[int, int]:
+    """The number of layers of a deep EXR, and of the samples of a part."""
     from defocus_core.io.exr.deep_layers import MAX_LAYERS
-    from defocus_core.io.exr.deep_samples import max_samples
+    from defocus_core.io.exr.deep_samples import count_samples
 
-    deep = [header for header in read_headers(path) if header.deep]
-    return min(MAX_LAYERS, max(max_samples(path, header) for header in deep))
+    counts = [count_samples(path, header) for header in read_headers(path) if header.deep]
+    return min(MAX_LAYERS, max(most for most, _ in counts)), max(every for _, every in counts)
 
 
 def _half(job: Job) -> bool:

@@ -1,4 +1,4 @@
-"""Samples of a deep OpenEXR part, decoded some rows at a time, nearest first in each pixel.
+"""Samples of a deep OpenEXR part, nearest first in each pixel.
 
 A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
 whose blur is the mean of theirs.
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -32,8 +32,7 @@ from defocus_core.io.exr.header import (
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.safe_files import damaged, once
 
-# Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
-_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
+_MAX_OF_TILE = 1 << 24  # px
 # Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
@@ -56,9 +55,7 @@ class _Part(NamedTuple):
 
     data: Window
     tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
-    across: int  # number of chunks side by side
-    down: int  # and above each other
-    is_tiled: bool  # whether it has tiles
+    is_tiled: bool
     compression: int  # of the file format
     channels: tuple[Channel, ...]  # all, in the order of the file
     sample_bytes: int  # decoded, of a sample
@@ -66,11 +63,12 @@ class _Part(NamedTuple):
 
 
 @once
-def max_samples(path: Path, header: Header) -> int:
-    """The number of samples of the pixel with most of them, of which none is decoded."""
+def count_samples(path: Path, header: Header) -> tuple[int, int]:
+    """The samples of the pixel with most of them, and of all, of which none is decoded."""
     with _open(path, header) as (file, part, chunks):
-        counts = (_counts(file, part, chunk) for chunk in chunks if chunk.unpacked)
-        return max((int(count.max()) for count in counts), default=0)
+        counts = [_counts(file, part, chunk) for chunk in chunks if chunk.unpacked]
+    maximum = max((int(count.max()) for count in counts), default=0)
+    return maximum, sum(int(count.sum()) for count in counts)
 
 
 @contextmanager
@@ -103,16 +101,16 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
         raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
     if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, header.data.width):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
-    across, down = -(-header.data.width // tile[0]), -(-header.data.height // tile[1])
     sample_bytes = sum(np.dtype(DTYPES[channel.type]).itemsize for channel in channels)
     number = header.index if version & MULTIPART else None
     packing = (is_tiled, compression, channels, sample_bytes, number)
-    return _Part(header.data, tile, across, down, *packing), start
+    return _Part(header.data, tile, *packing), start
 
 
 def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
     """What the headers of all chunks promise, row by row; each chunk must lie where it says."""
-    count, size = part.across * part.down, file.seek(0, 2)
+    across, down = -(-part.data.width // part.tile[0]), -(-part.data.height // part.tile[1])
+    count, size = across * down, file.seek(0, 2)
     if start + 8 * count > size:
         raise ValueError("it ends early")
     file.seek(start)
@@ -123,7 +121,7 @@ def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
     for number, offset in enumerate(offsets):
         file.seek(min(offset, size))
         *place, table, packed, unpacked = head.unpack(file.read(head.size))
-        row, column = divmod(number, part.across)
+        row, column = divmod(number, across)
         due = [column, row, 0, 0] if part.is_tiled else [part.data.y0 + row]
         at = offset + head.size
         if place != [*([] if part.number is None else [part.number]), *due]:
@@ -138,45 +136,25 @@ def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
 def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
     """Refuse samples that the file can hardly hold, before anything is allocated for them."""
     promised, size = sum(chunk.unpacked for chunk in chunks), path.stat().st_size
-    of_row = max(
-        sum(chunk.unpacked for chunk in chunks[first : first + part.across])
-        for first in range(0, len(chunks), part.across)
-    )
-    samples = promised // part.sample_bytes
-    if promised > max(_ANY, _RATIO * size) or of_row > _MAXIMUM * part.sample_bytes:
-        problem = f"promises {samples} deep samples in {size} bytes"
+    if promised > max(_ANY, _RATIO * size):
+        problem = f"promises {promised // part.sample_bytes} deep samples in {size} bytes"
         remedy = "flatten it, or write it again"
         raise InputError("too-large", problem, remedy, path=path)
 
 
-def _rows(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]:
-    """Chunks of rows that follow each other, of so many pixels and samples as fit at once."""
-    first, each = 0, part.across
-    pixels = each * part.tile[0] * part.tile[1]
-    while first < len(chunks):
-        end, samples, seen = first, 0, 0
-        while end < len(chunks) and (end == first or samples + seen < _AT_ONCE):
-            row = chunks[end : end + each]
-            samples += sum(chunk.unpacked for chunk in row) // part.sample_bytes
-            seen, end = seen + pixels, end + each
-        yield chunks[first:end]
-        first = end
-
-
-def _samples(
+def _unsorted(
     file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]
-) -> tuple[Window, NDArray[np.int32], Mapping[str, NDArray[Any]]]:
-    """The samples of chunks that fill rows: window, number of the pixel of each, values."""
-    width, top = part.data.width, chunks[0].y
+) -> tuple[NDArray[np.int32], dict[str, NDArray[Any]]]:
+    """The samples in the order of the file: the number of the pixel of each, and values."""
     values: dict[str, list[NDArray[np.generic]]] = {
         each.name: [np.zeros(0, DTYPES[each.type])] for each in part.channels
     }
-    pixels: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    pixels: list[NDArray[np.int32]] = [np.zeros(0, np.int32)]
     for chunk in (chunk for chunk in chunks if chunk.unpacked):
         counts = _counts(file, part, chunk)
         data = _unpack(file.read(chunk.packed), chunk.unpacked, part.compression)
-        y, x = (np.arange(n) for n in counts.shape)
-        number = (y[:, None] + (chunk.y - top)) * width + chunk.x + x
+        y, x = (np.arange(n, dtype=np.int32) for n in counts.shape)
+        number = (y[:, None] + chunk.y) * part.data.width + chunk.x + x
         pixels.append(np.repeat(number.ravel(), counts.ravel()))
         at = 0
         for of_row in counts.sum(1).tolist():
@@ -184,10 +162,7 @@ def _samples(
                 piece = np.frombuffer(data, DTYPES[channel.type], of_row, at)
                 values[channel.name].append(piece)
                 at += piece.nbytes
-    x0, y0, x1, y1 = part.data
-    window = Window(x0, y0 + top, x1, min(y0 + chunks[-1].y + part.tile[1] - 1, y1))
-    every = {name: np.concatenate(pieces) for name, pieces in values.items()}
-    return window, np.concatenate(pixels).astype(np.int32), every
+    return np.concatenate(pixels), {n: np.concatenate(values.pop(n)) for n in [*values]}
 
 
 def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
@@ -228,8 +203,8 @@ ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
 
-class Strip(NamedTuple):
-    """The samples of some rows, sorted by pixel and in each pixel by depth."""
+class DeepSamples(NamedTuple):
+    """The samples of a window, sorted by pixel and in each pixel by depth."""
 
     window: Window
     pixel: NDArray[Any]  # [N] number of the pixel of each sample in the window
@@ -249,50 +224,14 @@ class Strip(NamedTuple):
         return rows.reshape(self.window.height, self.window.width)
 
 
-class DeepSummary(NamedTuple):
-    """Samples of a deep part."""
-
-    maximum: int  # of the pixel that has most
-    total: int
-    pixels: int  # number of pixels that have some
-    # Least and greatest finite depth, as it stands in the file; None if there is none
-    ends: tuple[float, float] | None
-
-
-def summary(path: Path, header: Header) -> DeepSummary:
-    """The samples of a deep part, in figures."""
-    maximum = total = pixels = 0
-    least, greatest = np.inf, -np.inf
-    for strip in strips(path, header):
-        maximum, total = max(maximum, strip.maximum), total + len(strip.rank)
-        pixels += int(np.count_nonzero(strip.rank == 0))
-        depth = strip.values.get(DEPTH, np.zeros(0))
-        finite = depth[np.isfinite(depth)]
-        least = min(least, float(finite.min(initial=least)))
-        greatest = max(greatest, float(finite.max(initial=greatest)))
-    ends = (least, greatest) if least <= greatest else None
-    return DeepSummary(maximum, total, pixels, ends)
-
-
-def strips(path: Path, header: Header) -> Iterator[Strip]:
-    """The samples of a deep part, some rows at a time."""
+def read_deep_samples(path: Path, header: Header) -> DeepSamples:
+    """All samples of a deep part; of another view's channels nothing."""
     with _open(path, header) as (file, part, chunks):
-        for rows in _rows(part, chunks):
-            yield _strip(path, header, *_samples(file, part, rows))
-
-
-def _strip(
-    path: Path,
-    header: Header,
-    window: Window,
-    pixel: NDArray[np.int32],
-    own: Mapping[str, NDArray[Any]],
-) -> Strip:
-    """Some decoded rows: their samples, sorted; of another view's channels nothing."""
+        pixel, own = _unsorted(file, part, chunks)
     # Of a view, the names of layers are plain ones
     names = {c.name: c.plain if c.plain in _OF_LAYERS else c.name for c in header.channels}
     values = {
-        names[c.name]: own[c.name].astype("u4" if c.type == "uint" else "f4")
+        names[c.name]: own.pop(c.name).astype("u4" if c.type == "uint" else "f4", copy=False)
         for c in header.channels
     }
     alpha = values.get(ALPHA, np.ones(len(pixel), np.float32))
@@ -300,28 +239,30 @@ def _strip(
         problem = f"has an alpha that is not between 0 and 1 in {wrong} samples"
         raise InputError("out-of-range", problem, "render or save it again", path=path)
     values[ALPHA] = np.minimum(alpha, 1)
-    if BACK in values and DEPTH in values:
-        values[DEPTH] = _middle(values[DEPTH], values[BACK])
-    depth = np.nan_to_num(values.get(DEPTH, pixel[:0]), nan=np.inf, posinf=np.inf)
-    order = np.lexsort((depth, pixel)) if DEPTH in values else np.argsort(pixel, kind="stable")
-    pixel, values = pixel[order], {name: each[order] for name, each in values.items()}
-    index, is_first = np.arange(len(pixel)), np.diff(pixel, prepend=-1) > 0
-    rank = index - np.maximum.accumulate(np.where(is_first, index, 0))
+    order = np.argsort(pixel, kind="stable")
+    if DEPTH in values:
+        values[DEPTH] = _middle(values[DEPTH], values.get(BACK, values[DEPTH]))
+        depth = np.nan_to_num(values[DEPTH], nan=np.inf, posinf=np.inf)
+        order = np.lexsort((depth, pixel))
+    pixel, values = pixel[order], {name: values.pop(name)[order] for name in [*values]}
     values |= {name: values[plain] for name, plain in names.items()}
-    return Strip(window, pixel, rank.astype(np.int32), values)
+    return DeepSamples(header.data, pixel, ranks(pixel), values)
 
 
-def seen(strip: Strip) -> Strip:
-    """The strip without samples of neither alpha nor light, which are nothing, whatever Z says."""
-    alpha = strip.values[ALPHA]
+def ranks(pixel: NDArray[Any]) -> NDArray[np.int32]:
+    """The number of each sample [N] in its pixel, of sorted pixels."""
+    return (np.arange(len(pixel)) - np.searchsorted(pixel, pixel)).astype(np.int32)
+
+
+def seen(samples: DeepSamples) -> DeepSamples:
+    """Those without samples of neither alpha nor light, which are nothing, whatever Z says."""
+    alpha, values = samples.values[ALPHA], samples.values
     if alpha.all():
-        return strip
-    light = [each for name, each in strip.values.items() if name.rpartition(".")[2] in (*"RGBY",)]
+        return samples
+    light = [each for name, each in values.items() if name.rpartition(".")[2] in (*"RGBY",)]
     kept = np.logical_or.reduce([alpha > 0, *(each != 0 for each in light)])
-    pixel = strip.pixel[kept]
-    rank = (np.arange(len(pixel)) - np.searchsorted(pixel, pixel)).astype(np.int32)
-    values = {name: each[kept] for name, each in strip.values.items()}
-    return Strip(strip.window, pixel, rank, values)
+    pixel, values = samples.pixel[kept], {name: each[kept] for name, each in values.items()}
+    return DeepSamples(samples.window, pixel, ranks(pixel), values)
 
 
 def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:

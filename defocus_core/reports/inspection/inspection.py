@@ -17,7 +17,7 @@ from defocus_core.io.array_files import has_frames
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.exr.deep_samples import summary
+from defocus_core.io.exr.deep_samples import DEPTH, read_deep_samples
 from defocus_core.io.exr.header import Header, is_exr
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
@@ -242,12 +242,13 @@ def _part_record(path: Path, part: Header) -> dict[str, Any]:
     told["data_window"], told["display_window"] = list(part.data), list(part.display)
     told["pixel_aspect"] = part.pixel_aspect
     if part.deep:
-        counts = summary(path, part)
+        samples = read_deep_samples(path, part)
+        depth = samples.values.get(DEPTH, np.zeros(0))
         told["samples"] = {
-            "most_of_a_pixel": counts.maximum,
-            "total": counts.total,
-            "pixels": counts.pixels,
-            "range_z": None if counts.ends is None else list(counts.ends),
+            "most_of_a_pixel": samples.maximum,
+            "total": len(samples.rank),
+            "pixels": int(np.count_nonzero(samples.rank == 0)),
+            "range_z": ends_of(depth[np.isfinite(depth)]) or None,
         }
     return told
 

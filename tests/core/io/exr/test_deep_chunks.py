@@ -10,7 +10,7 @@ from deep_files import write_deep_samples
 from refusals import refuses
 
 from defocus_core.io.exr.deep_layers import MAX_LAYERS, _fractions, merge_samples
-from defocus_core.io.exr.deep_samples import Strip, max_samples, strips, summary
+from defocus_core.io.exr.deep_samples import DeepSamples, count_samples, read_deep_samples
 from defocus_core.io.exr.header import raw_headers, read_headers
 from defocus_core.io.exr.windows import Window
 
@@ -44,13 +44,13 @@ def test_samples_of_each_compression_are_what_was_written(codec, tmp_path):
         path = tmp_path / f"{number}.exr"
         OpenEXR.File([each for each, _ in chosen]).write(str(path))
         for header, (_, channels) in zip(read_headers(path), chosen, strict=True):
-            (strip,) = strips(path, header)
-            counts = np.bincount(strip.pixel, minlength=63).reshape(9, 7)
+            samples = read_deep_samples(path, header)
+            counts = np.bincount(samples.pixel, minlength=63).reshape(9, 7)
             assert np.array_equal(counts, np.vectorize(len)(channels["Z"]))
             nearest_first = [np.argsort(each, kind="stable") for each in channels["Z"].ravel()]
             for name, pixels in channels.items():
                 ordered = map(np.take, pixels.ravel(), nearest_first)
-                assert np.array_equal(strip.values[name], np.concatenate([*ordered])), name
+                assert np.array_equal(samples.values[name], np.concatenate([*ordered])), name
 
 
 @pytest.mark.parametrize(("promised", "code"), [(1 << 60, "too-large"), (1 << 20, "damaged")])
@@ -64,7 +64,7 @@ def test_what_chunks_promise_is_counted_before_it_is_allocated(promised, code, t
         file.seek(chunk + 20)
         file.write(struct.pack("<Q", promised))
     with refuses(code):
-        summary(path, header)
+        read_deep_samples(path, header)
 
 
 def test_chunks_lie_where_they_say(tmp_path):
@@ -77,7 +77,7 @@ def test_chunks_lie_where_they_say(tmp_path):
         file.seek(-8, 1)
         file.write(8 * first)
     with refuses("damaged"):
-        summary(path, header)
+        read_deep_samples(path, header)
 
 
 def test_a_pixel_of_many_samples_is_merged_at_once():
@@ -86,12 +86,12 @@ def test_a_pixel_of_many_samples_is_merged_at_once():
     pixel, depth = np.zeros(count, np.int32), np.sort(generator.uniform(1, 9, count))
     light = {name: generator.uniform(0, 1e-4, count).astype("f4") for name in "RA"}
     values = {**light, "Z": depth.astype("f4")}
-    strip = Strip(Window(0, 0, 0, 0), pixel, np.arange(count, dtype=np.int32), values)
-    made: list[tuple[Strip, int]] = []
-    assert calls(lambda: made.append(merge_samples(strip, ("R", "A")))) < count
+    samples = DeepSamples(Window(0, 0, 0, 0), pixel, np.arange(count, dtype=np.int32), values)
+    made: list[tuple[DeepSamples, int]] = []
+    assert calls(lambda: made.append(merge_samples(samples, ("R", "A")))) < count
     ((few, crowded),) = made
     assert (crowded, few.maximum) == (1, MAX_LAYERS)
-    shown = [float((each.values["R"] * _fractions(each)).sum()) for each in (strip, few)]
+    shown = [float((each.values["R"] * _fractions(each)).sum()) for each in (samples, few)]
     assert shown[1] == pytest.approx(shown[0], rel=1e-5)  # 1 - alpha is a float
 
 
@@ -100,6 +100,6 @@ def test_samples_are_counted_and_none_is_decoded(tmp_path):
     path = write_deep_samples(tmp_path / "a.exr", [[[one] * 3, [one]], [[], [one] * 7]])
     path.write_bytes(path.read_bytes()[:-8] + bytes(8))  # of the last samples
     (header,) = read_headers(path)
-    assert max_samples(path, header) == 7
+    assert count_samples(path, header) == (7, 11)
     with refuses("damaged"):
-        summary(path, header)
+        read_deep_samples(path, header)
