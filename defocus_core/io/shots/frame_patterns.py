@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -75,45 +76,30 @@ def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
 
 def frames_of(pattern: Path) -> dict[int, Path]:
     """The files of a frame pattern by number, ascending."""
-    from fileseq.constants import PAD_STYLE_HASH1
-    from fileseq.filesequence import FileSequence
-
     pattern = _with_hashes(pattern)
     fields = _FIELD.findall(pattern.name)
     if len(fields) > 1:
         problem = "has two numbers in its name"
         raise InputError("ambiguous", problem, "give a pattern with one", path=pattern)
-    if any(len(text) > 4 and int(text.strip("%d")) > _DIGITS for text in fields if "%" in text):
+    width = len(fields[0]) if "#" in fields[0] else int(fields[0].strip("%d") or 1)
+    if width > _DIGITS:
         problem = f"asks for more than {_DIGITS} digits"
         raise InputError("out-of-range", problem, "write it like %04d", path=pattern)
-    try:
-        sequence = FileSequence.findSequenceOnDisk(
-            str(pattern), strictPadding=True, pad_style=PAD_STYLE_HASH1
-        )
-        frames = {int(number): Path(sequence.frame(number)) for number in sequence.frameSet() or ()}
-        return dict(sorted({**_negative(pattern), **frames}.items()))
-    except ArithmeticError:
+    before, after = map(re.escape, pattern.name.split(fields[0]))
+    # a sign may take the place of a digit; more digits than asked for have no zero before them
+    number = rf"-\d{{{max(width - 1, 1)}}}|-?(?:\d{{{width}}}|[1-9]\d{{{width},}})"
+    name = re.compile(f"{before}({number}){after}", re.ASCII)
+    listed = os.listdir(pattern.parent) if pattern.parent.is_dir() else []  # noqa: PTH208 - names
+    texts = {found[1]: found[0] for found in map(name.fullmatch, listed) if found}
+    if any(len(text) > _DIGITS + 1 for text in texts):
         problem = "matches a file whose number is too long for a frame"
-        raise InputError("out-of-range", problem, "move that file away", path=pattern) from None
-    except (ValueError, OSError):
-        if negative := _negative(pattern):
-            return dict(sorted(negative.items()))
+        raise InputError("out-of-range", problem, "move that file away", path=pattern)
+    if not texts:
         remedy = "check the path; each # stands for a digit, and %04d is ####"
         if _RANGE.search(pattern.name):
             remedy = "write 'shot.####.exr', and the range as ‹frames› 1001-1005"
-        raise InputError("not-found", "matches no file", remedy, path=pattern) from None
-
-
-def _negative(pattern: Path) -> dict[int, Path]:
-    """The files of negative frames whose digits fill the field without their sign, as -0001."""
-    text = _FIELD.findall(pattern.name)[0]
-    before, after = map(re.escape, pattern.name.split(text))
-    width = len(text) if "#" in text else int(text.strip("%d") or 1)
-    name = re.compile(rf"{before}(-\d{{{width},{max(width, _DIGITS)}}}){after}", re.ASCII)
-    if not pattern.parent.is_dir():
-        return {}
-    every = (name.fullmatch(path.name) for path in pattern.parent.iterdir())
-    return {int(each[1]): pattern.with_name(each[0]) for each in every if each and int(each[1])}
+        raise InputError("not-found", "matches no file", remedy, path=pattern)
+    return {int(text): pattern.with_name(texts[text]) for text in sorted(texts, key=int)}
 
 
 def chosen(
