@@ -80,41 +80,26 @@ _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 
 @dataclass(frozen=True)
 class Depth:
-    """A decoded depth map.
+    """A decoded depth map."""
 
-    Attributes:
-        metres: float32 [H, W], planar distance along the axis, +inf is sky; of `is_radius`, signed
-            CoC radius in px.
-        path: the file.
-        channel: the channel's name in the file, empty where channels have none.
-        note: how the file was understood, for people.
-        is_radius: whether the file holds radii instead of depth.
-        replaced: how many invalid pixels were taken as far, or filled.
-        hole_remedy: what to do about invalid pixels.
-        top_hole: the greatest number of the type, if it is a hole by evidence; else empty.
-        data_window: its data window in words, if it does not cover the picture.
-        overscan: pixels beyond the picture shown.
-        warnings: what was taken for granted, and what was replaced, for people.
-        empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
-            The depth is inf there, a radius 0.
-        is_relative: whether the numbers are relative disparity, which gives radii as well.
-        inverted: of relative disparity, whether black is near.
-    """
-
+    # float32 [H, W], planar distance along the axis, +inf is sky; of `is_radius`, signed CoC radius
+    # in px
     metres: Any
     path: Path
-    channel: str
-    note: str
-    is_radius: bool = False
-    replaced: int = 0
-    hole_remedy: str = _FILL
-    top_hole: str = ""
-    data_window: str = ""
-    overscan: Overscan = NO_OVERSCAN
-    warnings: tuple[str, ...] = ()
+    channel: str  # its name in the file, empty where channels have none
+    note: str  # how the file was understood, for people
+    is_radius: bool = False  # whether the file holds radii instead of depth
+    replaced: int = 0  # how many invalid pixels were taken as far, or filled
+    hole_remedy: str = _FILL  # what to do about invalid pixels
+    top_hole: str = ""  # the greatest number of the type, if it is a hole by evidence
+    data_window: str = ""  # in words, if it does not cover the picture
+    overscan: Overscan = NO_OVERSCAN  # pixels beyond the picture shown
+    warnings: tuple[str, ...] = ()  # what was taken for granted, and what was replaced
+    # Where the colour is an element's and holds nothing, bool [H, W]; None if nowhere. The depth is
+    # inf there, a radius 0
     empty: Any = None
-    is_relative: bool = False
-    inverted: bool = False
+    is_relative: bool = False  # whether the numbers are relative disparity, which gives radii, too
+    inverted: bool = False  # of relative disparity, whether black is near
 
     @property
     def size(self) -> tuple[int, int]:

@@ -68,7 +68,7 @@ def choose_color(
 def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
 ) -> ChannelGroup:
-    searched = _flat(_headers_of_part(path, headers, part))
+    searched = _searched(path, headers, part)
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
         return by_name(path, layers, layer, "colour layer", "‹color-layer›")
@@ -88,14 +88,13 @@ def _chosen_color(
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
     """All channels of a file, or of one of its parts, in the order of the file."""
-    searched = _flat(_headers_of_part(path, headers, part))
-    return _each(searched)
+    return _each(_searched(path, headers, part))
 
 
 def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
     """The channels beside the colour that patterns name, in the order of the file.
 
-    A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
+    A pattern passes over depth and whole numbers, which are never averaged.
     """
     light = [n for n, plane in extras.items() if plane.dtype.kind not in "iu" and not is_depth(n)]
     chosen: set[str] = set()
@@ -120,16 +119,12 @@ def require_part(path: Path, part: int, count: int) -> None:
         raise InputError("no-such-part", problem, remedy, path=path)
 
 
-def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
+def _searched(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
+    """The part that is asked for; else those that are not deep, or all if none is flat."""
     # One part serves the colour and the depth file; where there is one part, it chooses nothing.
-    if part is None or len(headers) == 1:
-        return headers
-    require_part(path, part, len(headers))
-    return headers[part : part + 1]
-
-
-def _flat(headers: Sequence[Header]) -> Sequence[Header]:
-    """The parts that are not deep; all if none is flat."""
+    if part is not None and len(headers) > 1:
+        require_part(path, part, len(headers))
+        headers = headers[part : part + 1]
     return [header for header in headers if not header.deep] or headers
 
 
@@ -261,12 +256,12 @@ def require_view(paths: Sequence[Path], view: str | None) -> None:
         raise InputError("no-such-view", problem, "leave ‹view› out", path=paths[0])
 
 
-def default_warning(headers: Sequence[Header], view: str | None) -> str:
-    """What is said of a file of several views of which none was asked for; else empty."""
+def default_warning(headers: Sequence[Header], view: str | None) -> tuple[str, ...]:
+    """What is said of a file of several views of which none was asked for."""
     views = views_of(headers)
     if view is not None or len(views) < 2:
-        return ""
-    return f"view {views[0]} taken, the default of {', '.join(views)}; ‹view› names another"
+        return ()
+    return (f"view {views[0]} taken, the default of {', '.join(views)}; ‹view› names another",)
 
 
 def name_in_view(name: str, view: str) -> str:

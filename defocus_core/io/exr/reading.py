@@ -1,18 +1,18 @@
 """OpenEXR pixels, in: native half, float and uint arrays of the frame.
 
 The frame is the display window and the overscan that is asked for. Pixels outside the data window
-are 0. OpenImageIO decodes a strip of rows or tiles at a time.
+are 0. OpenImageIO decodes a strip of rows at a time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby, product
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,6 @@ from defocus_core.errors import first_line
 from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import damaged, decode_window, decoding, opened_image, quiet
-
-if TYPE_CHECKING:
-    Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
-
 
 STRIP = 1 << 23  # bytes of pixels that are decoded at once
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
@@ -72,27 +68,20 @@ def _part(
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
     channels = {name: np.zeros(size, DTYPES[kind]) for name, kind in types.items()}
-    for window, piece in _pieces(path, file, header, types) if types else ():
-        for name, pixels in piece.items():
-            frame.paste(channels[name], pixels, window)
-    return ExrPart(header, channels)
-
-
-def _pieces(path: Path, file: Any, header: Header, types: Mapping[str, str]) -> Pieces:
-    """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
+    if not types:
+        return ExrPart(header, channels)
     if not file.seek_subimage(header.index, 0):
         raise damaged(path, first_line(path, file.geterror()))
     spec, (x0, y0, x1, y1) = file.spec(), header.data
-    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, header.data.width, header.data.height):
         raise damaged(path, "two sizes in its header")
-    wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
-    cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
-    cells = max(1, STRIP // cell_bytes)
-    across = min(cells, -(-spec.width // wide))
-    wide, high = across * wide, cells // across * high
-    for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
-        window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
-        yield window, _decode(path, file, header.index, window, types)
+    high = spec.tile_height or _ROWS
+    high *= max(1, STRIP // (spec.width * high * header.pixel_bytes))
+    for top in range(y0, y1 + 1, high):
+        window = Window(x0, top, x1, min(top + high - 1, y1))
+        for name, pixels in _decode(path, file, header.index, window, types).items():
+            frame.paste(channels[name], pixels, window)
+    return ExrPart(header, channels)
 
 
 def _decode(

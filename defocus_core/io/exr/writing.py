@@ -43,14 +43,10 @@ def write_exr(
     `channels`: name to float16, float32 or uint32 array [H, W]; of `attributes`, tags and profiles
     of photographs are left out.
     """
-    own = {
-        name: value
-        for name, value in attributes.items()
-        if name not in STRUCTURAL and (isinstance(value, Raw) or not isinstance(value, tuple))
-    }
+    own = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in own.items() if isinstance(value, Raw)}
     codec, level = codec_of(compression)
-    plain = {name: value for name, value in own.items() if name not in carried} | level
+    plain = {name: value for name, value in own.items() if not isinstance(value, tuple)} | level
     height, width = next(iter(channels.values())).shape
     x, y = layout.corner
     whole = Window(x, y, x + width - 1, y + height - 1)

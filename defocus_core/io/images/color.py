@@ -48,42 +48,28 @@ if TYPE_CHECKING:
 class Color:
     """A decoded colour image.
 
-    Attributes:
-        planes: arrays [H, W], half or float32, scene-linear, premultiplied: of the C channels, then
-            of the passes.
-        channels: names of the C channels: R, G, B or Y, then A if there is one.
-        passes: names of further channels of light, blurred with the picture.
-        path: the file.
-        attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
-        extras: the EXR file's other channels [H, W], native types, for the output to carry.
-        pixel_aspect: width of a pixel by its height.
-        corner: x and y of the first pixel shown, for an EXR output to be where the input is.
-        data: the pixels that an EXR file has, of all its parts; None of other files.
-        overscan: pixels of the planes and the extras beyond the picture shown.
-        note: how the samples were read, in words.
-        warnings: what of the file was not applied, in words.
-        left_out: parts of the EXR file that no output can carry, in words.
-        compression: the codec of an EXR file, like zip.
-        within_white: whether its samples are integers, which hold no light beyond white.
-        orientation: by which the picture was turned upright, as Exif counts them; 1 is not.
+    `pixels` is the whole picture, `planes` are its parts.
     """
 
+    # Arrays [H, W], half or float32, scene-linear, premultiplied: of the C channels, then of passes
     planes: tuple[Any, ...]
-    channels: tuple[str, ...]
+    channels: tuple[str, ...]  # names of the C channels: R, G, B or Y, then A if there is one
     path: Path
+    # Metadata for the output to carry: `Raw` of an EXR file, `Tag` of others
     attributes: Mapping[str, object] = field(default_factory=dict)
+    # The EXR file's other channels [H, W], native types, for the output to carry
     extras: dict[str, Any] = field(default_factory=dict)
-    pixel_aspect: float = 1.0
-    corner: tuple[int, int] = (0, 0)
-    data: Window | None = None
-    overscan: Overscan = NO_OVERSCAN
-    passes: tuple[str, ...] = ()
-    note: str = ""
-    warnings: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
-    compression: str = "zip"
-    within_white: bool = False
-    orientation: int = 1
+    pixel_aspect: float = 1.0  # width of a pixel by its height
+    corner: tuple[int, int] = (0, 0)  # x and y of the first pixel shown
+    data: Window | None = None  # the pixels that an EXR file has, of all its parts
+    overscan: Overscan = NO_OVERSCAN  # pixels of planes and extras beyond the picture shown
+    passes: tuple[str, ...] = ()  # names of further channels of light, blurred with the picture
+    note: str = ""  # how the samples were read, in words
+    warnings: tuple[str, ...] = ()  # what of the file was not applied, in words
+    left_out: tuple[str, ...] = ()  # parts of the EXR file that no output can carry, in words
+    compression: str = "zip"  # the codec of an EXR file
+    within_white: bool = False  # whether its samples are integers, which hold no more than white
+    orientation: int = 1  # by which the picture was turned upright, as Exif counts them
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -181,7 +167,7 @@ def read_color(
         ),
         overscan=overscan,
         note=_exr_note(chosen, overscan),
-        warnings=tuple(filter(None, [default_warning(every, view)])),
+        warnings=default_warning(every, view),
         left_out=left_out,
         compression=chosen.header.compression,
     )
