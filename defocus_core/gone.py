@@ -98,11 +98,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("python", "chained", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "seen_behind", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "temporal_mean", "average radii where you know that the scene is still"),
-        Gone(
-            "command",
-            "golden",
-            "render by batch to NEW, then compare goldens NEW ‹accept›",
-        ),
+        Gone("command", "golden", "render by batch to NEW, then compare goldens NEW ‹accept›"),
         *(
             Gone("rule", f"found:{name}", f"write found:{now}")
             for now, names in _FINDINGS.items()
@@ -149,7 +145,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
         ),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
-    ),
+    )
 }
 
 

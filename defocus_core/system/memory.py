@@ -21,10 +21,7 @@ _MEMINFO = Path("/proc/meminfo")
 # Files of limit and use of a container's control group, for both versions of Linux cgroups.
 _GROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-    (
-        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
-        "/sys/fs/cgroup/memory/memory.usage_in_bytes",
-    ),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
 )
 
 # Settings of glibc's allocator by number, and bytes: mallopt(3), malloc.h.

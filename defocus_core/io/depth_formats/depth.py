@@ -17,19 +17,8 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import count_of
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
-from defocus_core.io.depth_formats.reading import (
-    AS_IT_IS,
-    DepthNumbers,
-    DepthReading,
-    own_format,
-)
-from defocus_core.io.depth_formats.rules import (
-    HALF_MAX,
-    decoded,
-    ends_in_hole,
-    is_sky,
-    resolved,
-)
+from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthNumbers, DepthReading, own_format
+from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, ends_in_hole, is_sky, resolved
 from defocus_core.io.depth_formats.table import NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan

@@ -36,10 +36,7 @@ class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
 
 
 def exr_depth_numbers(
-    path: Path,
-    reading: DepthReading,
-    size: tuple[int, int] | None,
-    overscan: Overscan,
+    path: Path, reading: DepthReading, size: tuple[int, int] | None, overscan: Overscan
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file; `size`: (width, height) of its colour."""
     headers = in_view(path, read_headers(path), reading.view)

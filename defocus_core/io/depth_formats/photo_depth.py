@@ -19,13 +19,7 @@ import numpy as np
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.depth_formats.reading import DepthNumbers, holds_gdepth
-from defocus_core.io.images.raster import (
-    HEIC_DAMAGE,
-    open_heic,
-    read_pages,
-    read_samples,
-    upright,
-)
+from defocus_core.io.images.raster import HEIC_DAMAGE, open_heic, read_pages, read_samples, upright
 from defocus_core.io.safe_files import decoding, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"

@@ -21,14 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.exr.header import (
-    DTYPES,
-    MULTIPART,
-    Channel,
-    Header,
-    channels_of,
-    raw_headers,
-)
+from defocus_core.io.exr.header import DTYPES, MULTIPART, Channel, Header, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.safe_files import damaged, once
 

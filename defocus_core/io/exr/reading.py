@@ -51,11 +51,7 @@ def read_parts(
 
 
 def _part(
-    path: Path,
-    file: Any,
-    header: Header,
-    wanted: Callable[[Header, str], bool],
-    overscan: Overscan,
+    path: Path, file: Any, header: Header, wanted: Callable[[Header, str], bool], overscan: Overscan
 ) -> ExrPart:
     types = {
         channel.name: channel.type for channel in header.channels if wanted(header, channel.name)

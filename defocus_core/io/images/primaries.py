@@ -32,11 +32,7 @@ NAMED: dict[str, Chromaticities] = {
 }
 _SAME = 2e-3  # difference of x or y: profiles and half floats round them
 _D50 = np.array([0.9642, 1.0, 0.8249])  # the white of all profiles
-_BRADFORD = (
-    (0.8951, 0.2664, -0.1614),
-    (-0.7502, 1.7135, 0.0367),
-    (0.0389, -0.0685, 1.0296),
-)
+_BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
 PRIMARIES = "chromaticities"  # of an EXR header
 PROFILE = "ICCProfile"  # OpenImageIO's name of an attribute
 
