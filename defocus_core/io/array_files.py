@@ -118,29 +118,25 @@ def read_array(path: Path) -> NDArray[Any]:
 
 def read_map(path: Path) -> NDArray[Any]:
     """The numbers [H, W] of a file of one map."""
-    values = squeezed(read_array(path))
+    values = read_array(path)
+    values = values.reshape(squeezed_shape(values.shape))
     if values.ndim != 2:
         raise wrong_shape(path, values.shape)
     return values
 
 
-def squeezed(values: NDArray[Any]) -> NDArray[Any]:
-    """An array without first and last axes of one entry, but for two."""
-    while values.ndim > 2 and values.shape[0] == 1:
-        values = values[0]
-    while values.ndim > 2 and values.shape[-1] == 1:
-        values = values[..., 0]
-    return values
+def squeezed_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of an array without first and last axes of one entry, but for two."""
+    while len(shape) > 2 and shape[0] == 1:
+        shape = shape[1:]
+    while len(shape) > 2 and shape[-1] == 1:
+        shape = shape[:-1]
+    return shape
 
 
 def frames_of(shape: tuple[int, ...]) -> int:
     """How many maps an array of a shape holds along its first axis of more than one entry."""
-    while len(shape) > 2 and shape[0] == 1:
-        shape = shape[1:]
-    while len(shape) > 3 and shape[-1] == 1:
-        shape = shape[:-1]
-    if len(shape) == 3 and shape[2] == 1:
-        return 1
+    shape = squeezed_shape(shape)
     return shape[0] if len(shape) == 3 or (len(shape) == 4 and shape[1] == 1) else 1
 
 

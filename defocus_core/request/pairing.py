@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import InputError, Place, UsageProblem
-from defocus_core.io.depth_formats.reading import holds_depth
+from defocus_core.io.depth_formats.reading import own_format
 from defocus_core.io.safe_files import missing
 from defocus_core.io.shots.frame_patterns import (
     ALL,
@@ -208,7 +208,7 @@ def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "
 def holds_both(path: Path) -> bool:
     """Whether a file type can hold colour and depth: an EXR, or a phone's photograph."""
     suffix = path.suffix.lower()
-    return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and holds_depth(path))
+    return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and own_format(path) != "")
 
 
 def _pair(

@@ -179,7 +179,10 @@ def depth_of(
             f"{hole}, the greatest number of its type and far from all others, is taken as no "
             f"depth; say ‹invalid-value› {hole} or ‹sky› {hole}"
         )
-    metres, half_sky = _decode(values, row, overscan)
+    half_sky = samples.is_half and row.sky <= HALF_MAX and bool((values == HALF_MAX).any())
+    metres = decoded(values, row, overscan)
+    if not (metres.flags.owndata and metres.flags.writeable):  # others may hold the numbers
+        metres = metres.copy()
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
     depth = Depth(
         metres,
@@ -265,15 +268,6 @@ def _is_behind(depth: Depth) -> bool:
     return bool((metres < 0).any()) and not ((metres > 0) & (metres < np.inf)).any()
 
 
-def _decode(values: Any, row: DepthFormat, overscan: Overscan) -> tuple[Any, bool]:
-    """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
-    half = values.dtype.newbyteorder("=") == np.float16 and row.sky <= HALF_MAX
-    metres = decoded(values, row, overscan)
-    if not (metres.flags.owndata and metres.flags.writeable):  # others may hold the numbers
-        metres = metres.copy()
-    return metres, half and bool((values == HALF_MAX).any())
-
-
 def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
     marks = samples.marks
@@ -321,10 +315,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
 
 
 def _fill_too_close(depth: Depth) -> str:
-    """Give -inf, with which cameras mark what is too close, the nearest depth in its row.
-
-    What was done, in words; empty where there is none.
-    """
+    """Give -inf, too close for a camera, the nearest depth in its row; what was done, in words."""
     close = np.isneginf(depth.metres)
     if depth.is_radius or not close.any():
         return ""

@@ -19,7 +19,7 @@ from defocus_core.io.array_files import (
     array_type,
     frames_of,
     read_entries,
-    squeezed,
+    squeezed_shape,
     wrong_shape,
 )
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
@@ -37,7 +37,7 @@ from defocus_core.io.depth_formats.table import DepthFormat
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images import raster
-from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
+from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)
@@ -86,10 +86,10 @@ def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Si
 def _from_arrays(path: Path, reading: DepthReading, kind: str, size: Size) -> DepthNumbers:
     row, entries = reading.row, read_entries(path)
     name = _array_name(path, entries, reading)
-    values = _frame(path, entries[name], kind, reading, size)
+    values = _frame(path, entries[name], reading, size)
     marks: tuple[Mark, ...] = ()
     if row.holes in entries and name != row.holes:
-        holes = _frame(path, entries[row.holes], kind, reading, size) == 0
+        holes = _frame(path, entries[row.holes], reading, size) == 0
         marks = (Mark(holes, np.nan, f"holes of {row.holes}"),)
     words = f"{kind} array {name}" if name else kind
     kind = "integer NPY" if kind == "NPY" and values.dtype.kind in "iu" else kind
@@ -114,35 +114,22 @@ def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthRea
     raise InputError("ambiguous", f"holds the arrays {names}", remedy, path=path)
 
 
-def _frame(
-    path: Path, entry: ArrayEntry, kind: str, reading: DepthReading, size: Size
-) -> NDArray[Any]:
-    """One map of an array in a file, of which no more than that is loaded."""
-    row, shape, index = reading.row, entry.shape, None
+def _frame(path: Path, entry: ArrayEntry, reading: DepthReading, size: Size) -> NDArray[Any]:
+    """One map [H, W] of an array in a file."""
+    row, index, shape = reading.row, None, squeezed_shape(entry.shape)
     frames = frames_of(shape)
-    if frames > 1 and ("N" in row.axes or shape[-1] not in (2, 3, 4)):
+    if frames > 1 and ("N" in row.axes or entry.shape[-1] not in (2, 3, 4)):
         if reading.part is None:
             remedy = "choose one with ‹part›, counted from 0"
             raise InputError("ambiguous", f"holds {frames} frames", remedy, path=path)
         require_part(path, reading.part, frames)
-        if shape[0] != 1:
-            index, shape = reading.part, shape[1:]
-        else:
-            values = squeezed(entry.load(None))[reading.part]
-            require_size(path, reading, _map_of(path, values, row).shape, size)
-            return _map_of(path, values, row)
-    with decoding(path):  # a shape may be beyond what NumPy counts
-        outline = np.broadcast_to(np.uint8(0), shape)
-    require_size(path, reading, _map_of(path, outline, row).shape, size)
-    return _map_of(path, entry.load(index), row)
-
-
-def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
-    """One map [H, W] of an array of any number of axes."""
-    values = squeezed(values)
-    if values.ndim != 2:
-        raise wrong_shape(path, values.shape)
-    return values.T if row.axes.endswith("WH") else values
+        index, shape = reading.part, squeezed_shape(shape[1:])
+    if len(shape) != 2:
+        raise wrong_shape(path, shape)
+    is_turned = row.axes.endswith("WH")
+    require_size(path, reading, shape[::-1] if is_turned else shape, size)
+    values = entry.load(index) if entry.shape[0] != 1 or index is None else entry.load(0)[index]
+    return values.reshape(shape).T if is_turned else values.reshape(shape)
 
 
 def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers:

@@ -28,11 +28,6 @@ def holds_gdepth(path: Path) -> bool:
     return is_jpeg(head) and b"GDepth:" in head
 
 
-def holds_depth(path: Path) -> bool:
-    """Whether a file is a photograph of a kind that has depth inside it."""
-    return is_heic(read_head(path)) or holds_gdepth(path)
-
-
 def own_format(path: Path) -> str:
     """The format that a file itself names: of a photograph, or in a header; else empty."""
     if holds_gdepth(path):

@@ -47,7 +47,8 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
     """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
     lines = dict(line.split("=", 1) for line in _text(place).splitlines() if "=" in line)
     focal, baseline = float(lines["cam0"].strip(" []").split()[0]), float(lines["baseline"]) / 1000
-    return _calibrated(place.name, focal, baseline, float(lines.get("doffs", 0)))
+    focal, baseline, doffs = _positive(focal), _positive(baseline), float(lines.get("doffs", 0))
+    return {"words": place.name, "focal_px": focal, "baseline": baseline, "shift": doffs}
 
 
 def _scene_camera(place: Path, samples: DepthNumbers) -> Found:
@@ -83,12 +84,6 @@ def _gdepth(_: Path, samples: DepthNumbers) -> Found:
     geometry = "radial" if metadata.get("MeasureType") == "OpticRay" else "planar"
     words = f"GDepth {metadata['Format']}"
     return {"words": words, "rule": rule, "ends": ends, "geometry": geometry}
-
-
-def _calibrated(words: str, focal: float, baseline: float, doffs: float) -> Found:
-    """Focal length in px, baseline in metres and px added to the disparity."""
-    focal, baseline = _positive(focal), _positive(baseline)
-    return {"words": words, "focal_px": focal, "baseline": baseline, "shift": doffs}
 
 
 def _positive(value: float) -> float:

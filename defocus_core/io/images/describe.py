@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,48 +66,43 @@ def describe(path: Path) -> FileInfo:
         frames = (h.display.grown(h.data.overscan(h.display)) for h in headers)
         maximum = max(frame.width * frame.height for frame in frames)
         return FileInfo(path, shown.width, shown.height, headers, maximum)
-    return _of_no_exr(path, head)
-
-
-def _of_no_exr(path: Path, head: bytes) -> FileInfo:
-    from defocus_core.io import array_files as arrays
+    from defocus_core.io import array_files
     from defocus_core.io.images.raster import read_pages
 
-    if arrays.array_type(head):
-        return _arrays(path, arrays.read_entries(path))
-    known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
-    pages = read_pages(path, wanted=known)
+    if array_files.array_type(head):
+        return _of_arrays(path, array_files.read_entries(path))
+    pages = read_pages(path, wanted="EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY")
     parts = tuple(
-        replace(
-            _part(p.page, [(name, p.type) for name in p.channels], p.width, p.height),
-            deep=p.deep,
-            whole=p.whole,
-        )
+        _part([(name, p.type) for name in p.channels], p.width, p.height, p.page, p.deep, p.whole)
         for p in pages
     )
     first = next((page for page in pages if page.whole), pages[0])
     return FileInfo(path, first.width, first.height, parts, first.width * first.height)
 
 
-def _arrays(path: Path, entries: Mapping[str, ArrayEntry]) -> FileInfo:
+def _of_arrays(path: Path, entries: Mapping[str, ArrayEntry]) -> FileInfo:
     """The arrays of a file: its size is that of the first."""
+    from defocus_core.io.array_files import squeezed_shape
+
     channels, sizes = [], []
     for name, entry in entries.items():
-        shape = entry.shape
-        while len(shape) > 3 and shape[-1] == 1:
-            shape = shape[:-1]
-        axes = "" if len(shape) == 2 and len(entries) == 1 else f" {'×'.join(map(str, shape))}"
+        shape, is_lone = squeezed_shape(entry.shape), len(entry.shape) == 2 and len(entries) == 1
+        axes = "" if is_lone else f" {'×'.join(map(str, entry.shape))}"
         channels.append((f"{name or 'Z'}{axes}", entry.dtype))
         sizes.append(shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:])
     (height, width), maximum = sizes[0], max(map(math.prod, sizes))
-    part = _part(0, channels, width, height)
-    return FileInfo(path, width, height, (part,), maximum)
+    return FileInfo(path, width, height, (_part(channels, width, height),), maximum)
 
 
-def _part(index: int, channels: Sequence[tuple[str, str]], width: int, height: int) -> Header:
+def _part(
+    channels: Sequence[tuple[str, str]],
+    width: int,
+    height: int,
+    index: int = 0,
+    deep: bool = False,
+    whole: bool = True,
+) -> Header:
     """A page or an array, of channels by name and type, as a part."""
-    named, frame = (
-        [Channel(*each, each[0]) for each in channels],
-        Window(0, 0, width - 1, height - 1),
-    )
-    return Header(index, "", tuple(named), frame, frame, deep=False)
+    frame = Window(0, 0, width - 1, height - 1)
+    named = tuple(Channel(name, kind, name) for name, kind in channels)
+    return Header(index, "", named, frame, frame, deep=deep, whole=whole)
