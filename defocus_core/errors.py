@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections import Counter
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
 
 # The codes of errors, for programs, and their meaning.
@@ -249,25 +248,20 @@ def kind_of(note: str) -> str:
 class NoteKinds:
     """Notes of many pictures, counted by kind: alike but for their file, numbers and units."""
 
-    def __init__(self, notes: Iterable[str] = ()) -> None:
-        """Count notes."""
-        self._counts: Counter[str] = Counter()
-        self._examples: dict[str, str] = {}
-        for note in notes:
-            self.add(note)
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[str, int]] = {}
 
     def add(self, *notes: str) -> None:
         """Count the notes of a picture, once each kind."""
         for kind, note in {kind_of(note): note for note in notes}.items():
-            self._counts[kind] += 1
+            example, count = self._found.get(kind, (note, 0))
             # the first in order, so that equal notes make equal cards, whichever job ended first
-            self._examples[kind] = min(self._examples.get(kind, note), note)
+            self._found[kind] = min(example, note), count + 1
 
     @property
     def counts(self) -> dict[str, int]:
         """An example and the number of notes of each kind, the commonest first."""
-        ordered = sorted(self._counts.items(), key=lambda item: (-item[1], item[0]))
-        return {self._examples[kind]: count for kind, count in ordered}
+        return dict(sorted(self._found.values(), key=lambda found: (-found[1], found[0])))
 
 
 def with_dashes(text: str, keys: Mapping[str, str] | None = None) -> str:

@@ -54,8 +54,6 @@ LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # a hidden sibling, with its pr
 _OfFile = TypeVar("_OfFile", bound="Callable[..., Any]")
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
-# The files of the innermost `written_together`; None outside.
-_together: ContextVar[FileGroup | None] = ContextVar("together", default=None)
 
 
 class Sibling(NamedTuple):
@@ -78,13 +76,11 @@ class Sibling(NamedTuple):
             self.folder.remove(self.name)
 
 
-class FileGroup(NamedTuple):
-    """Files that are to appear together."""
-
-    # The folder that they lie below, no link of which is followed; None where each lies in a
-    # folder that the user named
-    root: Path | None
-    files: list[Sibling]
+# Of the innermost `written_together`, the files, and the folder that they lie below, no link of
+# which is followed: None where each lies in a folder that the user named.
+_together: ContextVar[tuple[list[Sibling], Path | None] | None] = ContextVar(
+    "together", default=None
+)
 
 
 def once(function: _OfFile) -> _OfFile:
@@ -217,10 +213,7 @@ def leftover(path: Path) -> str:
 
 
 def left_in(folder: Path) -> Iterator[str]:
-    """The names of what processes left half-written in a folder, which run no more.
-
-    They are of this machine, or of one that shares the folder and is not known.
-    """
+    """The names of what processes of this machine left half-written in a folder."""
     with suppress(OSError):
         for name in Folder(folder).names():
             process = LEFTOVER.fullmatch(name)
@@ -240,8 +233,8 @@ def _runs(process: int) -> bool:
 
 
 def _sibling(path: Path, root: Path | None) -> Sibling:
-    together = _together.get()
-    root = root or (together.root if together else None) or path.parent
+    _, common = _together.get() or (None, None)
+    root = root or common or path.parent
     name = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
     return Sibling(Folder(root), path.with_name(name).relative_to(root).as_posix(), path)
 
@@ -262,7 +255,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         if together is not None:
-            together.files.append(sibling)
+            together[0].append(sibling)
             return
         sibling.put()
     except BaseException as error:
@@ -282,7 +275,7 @@ def link_or_copy(source: Path, path: Path) -> None:
     assert together is not None
     try:
         sibling.folder.link(source, sibling.name)
-        together.files.append(sibling)
+        together[0].append(sibling)
     except OSError:
         with written_whole(path) as copy, open_plain(source) as file:
             shutil.copyfileobj(file, copy)
@@ -291,14 +284,14 @@ def link_or_copy(source: Path, path: Path) -> None:
 @contextmanager
 def written_together(root: Path | None = None) -> Iterator[None]:
     """Files that are `written_whole` in the block appear together when it ends well, or none."""
-    together = FileGroup(root, [])
-    token = _together.set(together)
+    files: list[Sibling] = []
+    token = _together.set((files, root))
     try:
         yield
-        for sibling in together.files:
+        for sibling in files:
             sibling.put()
     finally:
-        for sibling in together.files:
+        for sibling in files:
             sibling.discard()
         _together.reset(token)
 

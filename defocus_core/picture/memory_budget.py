@@ -107,7 +107,7 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
         if not is_exr(read_head(path)):  # one of several pages is read
             parts = (max(parts, key=lambda part: len(part.channels)),)
         kinds = [channel.type for part in parts for channel in part.channels]
-        native = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
+        native: float = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
         if any(part.deep for part in parts):
             # the picture in focus in floats; of each layer its channels, metres and radius; and
             # samples as they are decoded and sorted: their channels twice, place, order and rank

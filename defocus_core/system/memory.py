@@ -53,15 +53,12 @@ def held_mb(device: str = "cpu") -> float:
 
 
 def available_mb(device: str = "cpu") -> float | None:
-    """Memory that can be taken without swapping or being killed; None where it is unknown.
-
-    On the CPU the number may be a second old, as asking takes longer than a small picture.
-    """
+    """Memory that can be taken without swapping or being killed; None where it is unknown."""
     if device == "cuda":
         import torch
 
         return torch.cuda.mem_get_info()[0] / MB
-    return _available_mb(int(time.monotonic()))
+    return _available_mb(int(time.monotonic()))  # to ask takes longer than a small picture
 
 
 @lru_cache(maxsize=1)
@@ -103,21 +100,13 @@ def trim() -> None:
 
 
 def keep_freed() -> None:
-    """Let glibc's allocator keep freed memory for later; other allocators stay as they are.
-
-    Otherwise it gives free memory at the end of its heap back to the system, and takes the next
-    pages one by one: 3 to 10 % of the time of a picture. Blocks of _LARGEST bytes or more are
-    given back in any case.
-    """
+    """Let glibc keep freed memory below _LARGEST bytes: to take pages anew is 3 to 10 % of time."""
     _glibc("mallopt", _M_MMAP_THRESHOLD, _LARGEST)
     _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER)
 
 
 def share_heap() -> None:
-    """Let later threads share one heap of glibc, so that one uses what another has freed.
-
-    Otherwise each thread has a new heap, whose pages the system gives one by one.
-    """
+    """Let later threads share one heap of glibc, so that one uses what another has freed."""
     _glibc("mallopt", _M_ARENA_MAX, 1)
 
 

@@ -47,16 +47,11 @@ def set_to_render() -> None:
 @contextmanager
 def imports() -> Iterator[None]:
     """Exclude the modules imported in the block from later garbage collections."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
+    with memory.without_collections():
         yield
-    finally:
         if not gc.get_freeze_count():  # there may be garbage the second time
             gc.freeze()
             atexit.register(gc.unfreeze)  # libraries expect to be collected at the end
-        if collecting:
-            gc.enable()
 
 
 @contextmanager

@@ -281,10 +281,7 @@ def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterat
 
 
 def _replaced(depth: Depth, how: str) -> Depth:
-    """The depth whose invalid pixels are far, or filled; how many is said.
-
-    Of relative disparity its farthest number is far.
-    """
+    """The depth whose invalid pixels are far (of disparity, its farthest number), or filled."""
     count = int(np.count_nonzero(depth.invalid))
     if not count:
         words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
@@ -332,10 +329,7 @@ _ENOUGH, _MAXIMUM = 12, 0.8
 
 
 def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
-    """The numbers of a depth file without the alpha in them, and what was done, in words.
-
-    `alpha`: [H, W] of the colour; None if it has none.
-    """
+    """The numbers without the alpha [H, W] of the colour in them, and what was done, in words."""
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):

@@ -59,10 +59,7 @@ def read_heic(path: Path) -> DepthNumbers:
 
 
 def read_gdepth(path: Path) -> DepthNumbers:
-    """The depth image of a JPEG photograph that holds GDepth, turned upright with it.
-
-    With Near, Far, Format, Units and MeasureType.
-    """
+    """The depth image of a JPEG photograph that holds GDepth, turned upright with it."""
     found = _properties(path).items()
     metadata = {name[7:]: text for name, text in found if name.startswith("GDepth:")}
     if "Data" not in metadata:

@@ -89,10 +89,7 @@ class DepthReading:
 
     @property
     def holds_radii(self) -> bool:
-        """Whether no lens is needed but the shape of its opening: the files hold radii, or all but.
-
-        Relative disparity gives radii by the largest of them and a number in focus.
-        """
+        """Whether no lens is needed but its opening: of files of radii, or relative disparity."""
         return self.relative or self.row.rule == "radius"
 
     def as_relative(self) -> Self:
@@ -127,10 +124,7 @@ MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round t
 
 
 def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
-    """How much wider, as a share, one view becomes in another size; None of another view.
-
-    0 where the sizes are rounded alone. `size`, `target`: width and height.
-    """
+    """How much wider, as a share, a view becomes in another size; None if it is another view."""
     (columns, rows), (width, height) = size, target
     if abs(width * rows - height * columns) <= max(*size, *target):
         return 0.0
@@ -141,12 +135,7 @@ def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
 def require_size(
     path: Path, reading: DepthReading, shape: tuple[int, ...], size: tuple[int, int] | None
 ) -> None:
-    """Refuse depth of another size than its colour, before it is read, if it is not to be resized.
-
-    Smaller depth is enlarged where nothing is said of it.
-
-    `size`: width and height of the colour, None if there is none.
-    """
+    """Refuse depth of another size than its colour (width, height) that is not to be resized."""
     rows, columns = shape[:2]
     if size is None or (columns, rows) == size or reading.resize_depth is not None:
         return

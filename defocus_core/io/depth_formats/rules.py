@@ -45,10 +45,7 @@ class DepthRule(NamedTuple):
 def resolved(
     reading: DepthReading, samples: DepthNumbers, lens_focal: float | None = None
 ) -> DepthFormat:
-    """The format of a file, completed by its sidecar and the user.
-
-    `lens_focal`: focal length of the lens in widths of its sensor, None if there is no lens.
-    """
+    """The format of a file, completed by its sidecar, the user and the lens (its focal length)."""
     if reading.relative:
         near = "black" if reading.invert else "white"
         return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
@@ -147,11 +144,7 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
 
 
 def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]:
-    """The float at the other end of a range than 0, and what it is, in words.
-
-    1; disparity of a network has no other end than its greatest. Else floats beyond 0 and 1, of
-    which nothing is known, are refused.
-    """
+    """The float at the other end of a range than 0: 1, or the greatest of a network; and words."""
     finite = samples.values[np.isfinite(samples.values)]
     minimum, maximum = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
     is_of_network = "depth-range" in row.needs and row.rule == "inverse"
@@ -298,10 +291,7 @@ RULES = {
 def decoded(
     numbers: NDArray[Any], row: DepthFormat, overscan: Overscan = NO_OVERSCAN
 ) -> NDArray[np.float32]:
-    """Planar metres of the numbers [H, W] of a file: +inf is sky; NaN, 0 and less are invalid.
-
-    The numbers themselves, if they are that. `row`: completed.
-    """
+    """Planar metres [H, W] by a completed row: +inf is sky; NaN, 0 and less are invalid."""
     with np.errstate(over="ignore"):  # a double beyond float32 is sky
         metres = _metres(numbers, row)
     if row.geometry == "radial":
@@ -330,10 +320,7 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
 
 
 def ends_in_hole(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> bool:
-    """Whether the greatest number of the type of integers is a hole by evidence.
-
-    It is that where it lies apart from all others, and neither format nor user says what it means.
-    """
+    """Whether the greatest number of the type lies apart from all others, and has no meaning."""
     top, values = samples.top, samples.values
     said = reading.sky is not None or reading.depth_range is not None or row.ends is not None
     if said or top <= _FEW_LEVELS or row.rule != "scale" or row.bits or row.weights:
@@ -359,10 +346,7 @@ def _cosine(
 ) -> NDArray[np.float64]:
     """Depth along the axis by distance to the point, f / √(x² + y² + f²), at pixels [H, W].
 
-    x and y are those of pixel centres from the middle of the frame: M. Roberts et al.: Hypersim,
-    2021 (issue 9 of its code).
-
-    `focal_px`: focal length in px; `shown`: rows and columns of the frame.
+    x and y are those of pixel centres from the middle of the frame, the rows and columns `shown`.
     """
     y, x = (
         np.arange(count) - side.start - (side.stop - side.start - 1) / 2

@@ -107,10 +107,7 @@ def _encoded(
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
-    """``values`` as half, clamped to the largest finite half ±65504, and where that was needed.
-
-    NaN stays NaN and is not counted.
-    """
+    """``values`` as half, clamped to ±65504, and where that was needed; NaN stays NaN."""
     import torch
 
     largest = np.float32(np.finfo(np.float16).max)

@@ -260,10 +260,7 @@ _THUMBNAIL = "preview"  # attribute of an EXR header
 def _planes(
     part: ExrPart, chosen: ChannelGroup, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
-    """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
-
-    A picture that is smaller than its frame is an element, with nothing around it.
-    """
+    """The names and arrays of a colour layer, with alpha if it is smaller than its frame."""
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
     frame = header.display.grown(overscan)
@@ -306,10 +303,7 @@ def _one_type(planes: Sequence[Any]) -> tuple[Any, ...]:
 def _extras(
     parts: Sequence[ExrPart], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Channels beside the chosen layer, and in words the parts that the output cannot carry.
-
-    A channel of another part is called PART.NAME, unless its own name begins so.
-    """
+    """Channels beside the layer, PART.NAME of other parts; and what no output can carry."""
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}
     left_out = []

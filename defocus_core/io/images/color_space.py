@@ -176,10 +176,8 @@ def color_space(spec: Any) -> ColorSpace:
 
 
 def _declared(spec: Any, kind: str) -> tuple[float | None, str]:
-    """The exponent that the file declares, or that its numbers have, and what is not applied.
-
-    OpenImageIO names spaces like ``srgb_rec709_scene``: curve, primaries, reference.
-    """
+    """The exponent that the file declares, or that its numbers have, and what is not applied."""
+    # named like ``srgb_rec709_scene``: curve, primaries, reference
     space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
     gamma: float | None = spec.get_float_attribute("oiio:Gamma", 0.0)
     is_linear = space.startswith("lin") or space == "scene_linear"

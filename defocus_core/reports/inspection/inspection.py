@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,38 +44,8 @@ if TYPE_CHECKING:
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """A file to inspect, and how it is read."""
-
-    path: Path
-    reading: Reading
-    lens: LensValues | None  # the lens whose blur is reported, or None
-
-    @property
-    def lens_focal(self) -> float | None:
-        """The focal length of the lens by the width of its sensor."""
-        return None if self.lens is None else self.lens.foclen / self.lens.sensor_width
-
-    def depth(self, color: Color | None) -> Depth:
-        """The depth, invalid where the alpha of its colour is 0."""
-        depth = read_depth(
-            self.path,
-            self.reading,
-            lens_focal=self.lens_focal,
-            overscan=NO_OVERSCAN if color is None else color.overscan,
-            alpha=None if color is None else color.alpha,
-        )
-        if color is None or depth.metres.shape != color.shape[:2]:
-            return depth
-        return element_depth(depth, color)
-
-
 def _color_figures(color: Color) -> dict[str, Any]:
-    """Channels, and counts of pixels that are not finite or that alpha removes, also in part.
-
-    Pixels beyond the display window are included.
-    """
+    """Channels, and counts of pixels that are not finite or that alpha removes, also in part."""
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
     told = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
     if color.alpha is not None:
@@ -85,12 +54,22 @@ def _color_figures(color: Color) -> dict[str, Any]:
     return told
 
 
-def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, Any]]:
+def _depth_figures(
+    path: Path, reading: Reading, lens: LensValues | None, color: Color | None
+) -> tuple[str, dict[str, Any]]:
     """The way to read the depth, and its figures; ranges are None without valid pixels.
 
-    `color`: the colour of the same file; None if it has none.
+    `color`: the colour of the same file, with which its depth is invalid where alpha is 0.
     """
-    depth, lens = asked.depth(color), asked.lens
+    depth = read_depth(
+        path,
+        reading,
+        lens_focal=None if lens is None else lens.foclen / lens.sensor_width,
+        overscan=NO_OVERSCAN if color is None else color.overscan,
+        alpha=None if color is None else color.alpha,
+    )
+    if color is not None and depth.metres.shape == color.shape[:2]:
+        depth = element_depth(depth, color)
     usable = depth.valid if depth.empty is None else depth.valid & ~depth.empty
     nothing = 0 if depth.empty is None else int(np.count_nonzero(depth.empty))
     metres = depth.metres[usable]
@@ -110,7 +89,7 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
             else signed_radius(lens, extremes, depth.size).clip(-most, most).tolist()
         )
         if not invalid:
-            repair, warnings = _repair(depth, lens, asked.reading)
+            repair, warnings = _repair(depth, lens, reading)
     return depth.note, {
         "range_m": None if depth.is_radius else reach,
         "range": reach if depth.is_radius else None,
@@ -169,10 +148,9 @@ def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool
     maps: list[dict[str, Any]] = []
     evidence: list[str] = []
     if not color_note:
-        asked = _Asked(path, reading, lens)
         picture, color_note = _color_of(info, reading)
         color = picture and _color_figures(picture)
-        depth_note, depth = _depth_of(asked, picture, arrays=stacked)
+        depth_note, depth = _depth_of(path, reading, lens, picture, arrays=stacked)
         maps = _maps(info)
         evidence = [] if maps else [*evidence_of(path, reading, info)]
     return {
@@ -213,16 +191,16 @@ def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
 
 
 def _depth_of(
-    asked: _Asked, picture: Color | None, *, arrays: bool
+    path: Path, reading: Reading, lens: LensValues | None, picture: Color | None, *, arrays: bool
 ) -> tuple[str, dict[str, Any] | None]:
     """How the depth of a file is read, and its figures; or the reason why not, and None."""
-    if asked.reading.row.rule == "radius":
+    if reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
-        return _depth_figures(asked, picture)
+        return _depth_figures(path, reading, lens, picture)
     except InputError as error:
         absent = picture is not None or arrays or error.code in _ABSENT
-        if not absent or (asked.reading.depth_channel and is_exr(read_head(asked.path))):
+        if not absent or (reading.depth_channel and is_exr(read_head(path))):
             raise
         usual = picture is not None and error.code in ("unknown-unit", "not-one-channel")
         return error.problem if usual else _clause(error), None
