@@ -28,7 +28,7 @@ _QUALITIES = ("standard", "high")
 @option(
     "--quality QUALITY,…",
     f"Qualities to measure, of {', '.join(QUALITIES)}.  [default: {','.join(_QUALITIES)}]",
-    several(one_of(QUALITIES), "standard,high"),
+    several(one_of(QUALITIES)),
     into="qualities",
     default=_QUALITIES,
 )

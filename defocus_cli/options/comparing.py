@@ -152,7 +152,7 @@ def _rules() -> list[Decorator]:
             "--ignore-metadata NAME,…",
             "Attributes that may differ, besides times and the program that wrote the file; "
             "* stands for any characters.",
-            several(str, "compression,software"),
+            several(str),
             default=(),
         ),
     ]
@@ -163,7 +163,7 @@ def _selection() -> list[Decorator]:
         _selecting_option(
             "--ignore-channels NAME,…",
             "All channels but these: 'rand.*', or '[!RGB]*' for all but R, G and B.",
-            several(str, "rand.*,id"),
+            several(str),
             default=(),
         ),
         _selecting_option(

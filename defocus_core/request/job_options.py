@@ -7,8 +7,6 @@ reading, too. ``radial`` and ``planar`` are flags that set the field ``geometry`
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,6 +17,7 @@ from defocus_core.io.depth_formats.reading import INVALID, RESIZES
 from defocus_core.io.depth_formats.reading import KINDS as DEPTH_KINDS
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.io.shots.frame_patterns import MISSING
+from defocus_core.request import quantities
 from defocus_core.request.job import DEVICES, Machine, Outputs
 from defocus_core.request.output_kinds import (
     COLOR_SPACES,
@@ -38,19 +37,16 @@ from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import (
     QuantityError,
     always,
-    angle,
-    byte_count,
-    length,
-    number,
     one_of,
-    pixel_count,
-    short,
+    quantity,
+    several,
     switch,
-    whole,
     whole_within,
 )
 
-_FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
+_edge_width = quantity(
+    "the width of an edge", "like 8px", {"": 1, "px": 1}, least=0, most=WIDEST_EDGE
+)
 
 
 def format_name(text: str) -> str:
@@ -65,66 +61,6 @@ def format_name(text: str) -> str:
     nearest = f"did you mean {' or '.join(near)}? " if near else ""
     remedy = f"{nearest}'defocus help depth' lists all of them"
     raise QuantityError(f"'{text}' is not a depth format", remedy)
-
-
-def scale(text: str) -> float:
-    """A factor, parsed from ``0.001``, ``1/256`` or ``-1``."""
-    fraction = _FRACTION.fullmatch(short(text))
-    value = scale(fraction[1]) / scale(fraction[2]) if fraction else number(text)
-    if not 0 < abs(value) < math.inf:
-        raise QuantityError(f"'{text}' is 0 or not finite", "write it like 0.001 or 1/256")
-    return value
-
-
-def distance(text: str) -> float:
-    """A positive length in mm, parsed from ``2m`` or ``193mm``; plain numbers are metres."""
-    try:
-        metres = float(text)
-    except ValueError:
-        return length(text)
-    return length(f"{text.strip()}m") if math.isfinite(metres) else length(text)
-
-
-def end_distance(text: str) -> float:
-    """A distance in mm, as `distance`, or ``inf``, or 0."""
-    if text.strip().lower() in ("inf", "infinity"):
-        return math.inf
-    return 0.0 if re.fullmatch(r"0+(\.0*)?[a-z]*", text.strip(), re.I) else distance(text)
-
-
-def distances(text: str) -> tuple[float, float]:
-    """Two distances in mm, parsed from ``2m 50m``; one may be inf or 0."""
-    words = text.replace(",", " ").split()
-    if len(words) != 2:
-        raise QuantityError(f"'{text}' is not two distances", "write them like 2m 50m")
-    first, second = map(end_distance, words)
-    return first, second
-
-
-def field_of_view(text: str) -> float:
-    """A horizontal field of view in degrees."""
-    degrees = angle(text)
-    if not 0 < degrees < 180:
-        raise QuantityError(
-            f"'{text}' is not a field of view", "give more than 0 and less than 180"
-        )
-    return degrees
-
-
-def edge_width(text: str) -> float:
-    """A width in px, parsed from ``8px`` or ``8``; 0 for hard edges."""
-    px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", short(text), re.I) else pixel_count(text)
-    if px > WIDEST_EDGE:
-        raise QuantityError(f"{px:g} px is a surface, not an edge", f"give {WIDEST_EDGE}px or less")
-    return px
-
-
-def words(text: str) -> tuple[str, ...]:
-    """Words separated by commas or blanks, each once."""
-    names = tuple(dict.fromkeys(text.replace(",", " ").split()))
-    if not names:
-        raise QuantityError(f"'{text}' names nothing", "write it like diffuse.*,specular.*")
-    return names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +88,7 @@ _READING = (
     ),
     ReadingParam(
         name="depth-scale",
-        parse=scale,
+        parse=quantities.scale,
         metavar="FACTOR",
         help="Factor by which the numbers of the depth file are multiplied, like 1/256.",
     ),
@@ -165,7 +101,7 @@ _READING = (
     ReadingParam(
         name="depth-range",
         is_common=True,
-        parse=distances,
+        parse=quantities.distances,
         words=2,
         metavar="NEAR FAR",
         help="Distances of the least and the greatest value of the number type: 0 and 255 or "
@@ -176,20 +112,20 @@ _READING = (
     ),
     ReadingParam(
         name="focal-px",
-        parse=pixel_count,
+        parse=quantities.pixel_count,
         metavar="PX",
         help="Focal length in px of the depth file, for disparity and for ‹radial›.",
     ),
     ReadingParam(
         name="baseline",
-        parse=distance,
+        parse=quantities.distance,
         metavar="LENGTH",
         help="Distance between the two cameras of a stereo pair, for disparity, like 65mm.",
         unit="mm",
     ),
     ReadingParam(
         name="doffs",
-        parse=number,
+        parse=quantities.number,
         metavar="PX",
         help="Difference of the two principal points in px; it is added to disparity.",
     ),
@@ -219,19 +155,19 @@ _READING = (
     ),
     ReadingParam(
         name="fov",
-        parse=field_of_view,
+        parse=quantities.field_of_view,
         metavar="DEG",
         help="Horizontal field of view, for ‹radial›.  [default: the lens's]",
     ),
     ReadingParam(
         name="sky",
-        parse=number,
+        parse=quantities.number,
         metavar="NUMBER",
         help="Depth of this number and above is sky; disparity of this number and below is sky.",
     ),
     ReadingParam(
         name="invalid-value",
-        parse=number,
+        parse=quantities.number,
         metavar="NUMBER",
         help="This number means no depth, like 65535.",
     ),
@@ -257,7 +193,7 @@ _READING = (
     ),
     ReadingParam(
         name="edge-width",
-        parse=edge_width,
+        parse=_edge_width,
         metavar="PX",
         help="Width of the softest edges of the depth, like 8px; 0 if edges are hard.  "
         "[default: measured]",
@@ -276,7 +212,7 @@ _READING = (
     ),
     ReadingParam(
         name="blur-channels",
-        parse=words,
+        parse=several(str),
         metavar="NAME,…",
         help="Further EXR channels to blur with the picture, like diffuse.*; others are copied.",
         separator=",",
@@ -285,7 +221,7 @@ _READING = (
     ),
     ReadingParam(
         name="part",
-        parse=whole,
+        parse=quantities.whole,
         metavar="N",
         help="Part of an EXR, page of a TIFF or frame of an array, counted from 0.",
     ),
@@ -297,14 +233,6 @@ _READING = (
     ),
 )
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _READING}
-
-
-def kinds(text: str) -> tuple[str, ...]:
-    """Kinds of output, separated by commas, each once."""
-    names = tuple(dict.fromkeys(word.strip() for word in text.split(",")))
-    if not text:
-        raise QuantityError("names no kind of output", f"choose from {', '.join(KINDS)}")
-    return tuple(map(one_of(tuple(KINDS), "unknown-name"), names))
 
 
 def image_format(text: str) -> str:
@@ -328,7 +256,7 @@ _ROWS = (
         key="kinds",
         stored_as="kinds",
         is_common=True,
-        parse=kinds,
+        parse=several(one_of(KINDS, "unknown-name")),
         metavar="KIND,…",
         help=f"Kinds of output to write: {', '.join(KINDS)}.  [default: render]",
         separator=",",
@@ -509,7 +437,7 @@ _MACHINE = (
     _machine(
         name="memory",
         only="commands",
-        parse=byte_count,
+        parse=quantities.byte_count,
         metavar="SIZE",
         help="Memory limit of a process, like 2GB; pictures that need more are refused.  "
         "[default: most of what is free]",

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from defocus_core.errors import did_you_mean
-from defocus_core.request.quantities import QuantityError, number_within
+from defocus_core.request.quantities import QuantityError, quantity
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def compression(text: str) -> str:
         raise QuantityError(f"'{text}' is not a codec", did_you_mean(name, COMPRESSIONS, remedy))
     if not colon:
         return name
-    value = number_within(0, _MAX_LEVEL, "a level of dwaa", "like dwaa:45")(level)
+    value = quantity("a level of dwaa", "like dwaa:45", least=0, most=_MAX_LEVEL)(level)
     return f"dwaa:{value:g}"
 
 

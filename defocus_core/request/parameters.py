@@ -342,7 +342,7 @@ _ROWS = (
     ),
     LensParam(
         name="blade-curvature",
-        parse=quantities.number_within(0, 1, "a curvature", "like 0.5"),
+        parse=quantities.quantity("a curvature", "like 0.5", least=0, most=1),
         metavar="0…1",
         help="Curvature of the blades: 0 is straight, 1 round.  [default: 0]",
         tag="curve",
@@ -353,7 +353,7 @@ _ROWS = (
     ),
     LensParam(
         name="obstruction",
-        parse=quantities.number_within(0, 0.95, "a share of the radius", "like 0.4"),
+        parse=quantities.quantity("a share of the radius", "like 0.4", least=0, most=0.95),
         metavar="0…0.95",
         help="Radius of the central obstruction of a mirror lens, as a share of the aperture's "
         "radius, like 0.4.  [default: 0]",
@@ -363,7 +363,7 @@ _ROWS = (
     ),
     LensParam(
         name="spherical",
-        parse=quantities.number_within(-1, 1, "a spherical aberration", "like 0.5"),
+        parse=quantities.quantity("a spherical aberration", "like 0.5", least=-1, most=1),
         metavar="-1…1",
         help="Spherical aberration: positive values give bright rims to discs beyond the focus and "
         "soft discs in front of it; negative values the reverse.  [default: 0]",
@@ -373,7 +373,7 @@ _ROWS = (
     ),
     LensParam(
         name="squeeze",
-        parse=quantities.number_within(1, 4, "a squeeze", "like 2"),
+        parse=quantities.quantity("a squeeze", "like 2", least=1, most=4),
         metavar="1…4",
         help="Squeeze of an anamorphic lens: height of the bokeh over its width, like 2.  "
         "[default: 1]",
@@ -419,7 +419,7 @@ _ROWS = (
     ),
     LensParam(
         name="dp-crosstalk",
-        parse=quantities.number_within(0, 0.49, "a share of the light", "like 0.15"),
+        parse=quantities.quantity("a share of the light", "like 0.15", least=0, most=0.49),
         metavar="0…0.49",
         help="Share of its light that each photodiode loses to the other, like 0.15.  [default: 0]",
         tag="crosstalk",

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,18 +21,20 @@ from defocus_core.errors import Place, UsageProblem, did_you_mean
 
 T = TypeVar("T")
 
+_PLAIN = {"": 1}
+_PX = {"": 1, "px": 1}
 _MM = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
+_DEGREES = {"": 1, "deg": 1, "°": 1}
 _BYTES = {
     **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
-_MAX_LENGTH = 1e30  # mm
+_MAX_LENGTH = 1e30  # mm, so that its square is finite, too
 _MAX_ELECTRONS = 1e9
-_MAX_SHIFT = 10.0  # mm of focus shift of a colour
-MAX_BLADES = 100  # blades of a polygon that looks like a circle
+_MAX_BLADES = 100  # blades of a polygon that looks like a circle
 # Characters of a number, and of any text, as patterns take quadratic or cubic time.
 _LONGEST_NUMBER, _LONGEST_TEXT = 200, 2**16
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*|[°%])\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 
 
@@ -55,24 +58,33 @@ class Percentile:
         return f"percentile({self.percent:.9g})"
 
 
-def require_length(text: str, maximum: int = _LONGEST_TEXT) -> str:
-    """The text; raises if it has too many characters."""
+@dataclass(frozen=True)
+class SideShare:
+    """A length in the picture as a share of its longer side, like ``2%``."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"{self.percent:.9g}%"
+
+
+class Unitless(tuple[float, float]):
+    """Two numbers without a unit, in place of lengths: of a depth file, or shares of a blur."""
+
+
+def short(text: str, maximum: int = _LONGEST_NUMBER) -> str:
+    """The text; raises if it is longer than a number may be."""
     if len(text) > maximum:
         problem = f"'{text[:20]}…' has {len(text)} characters, of which {maximum} are read"
         raise QuantityError(problem, "write a shorter one")
     return text
 
 
-def short(text: str) -> str:
-    """The text; raises if it is longer than a number may be."""
-    return require_length(text, _LONGEST_NUMBER)
-
-
 def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
     """The parsed value of a text, with errors at a place."""
     try:
         for text in texts:
-            require_length(text)
+            short(text, _LONGEST_TEXT)
         return parse(*texts)
     except QuantityError as error:
         remedy = error.remedy
@@ -81,17 +93,84 @@ def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
         raise UsageProblem(error.code, error.problem, remedy, path=where) from None
 
 
-def length(text: str) -> float:
-    """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
-    value = _positive(text, "a length", "like 2m or 50mm", _MM)
-    if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # so that its square is finite, too
-        problem = f"'{text}' is not a length from 1e-30 to 1e30 mm"
-        raise QuantityError(problem, "write it like 2m or 50mm")
-    return value
+def quantity(
+    what: str,
+    example: str,
+    units: Mapping[str, str | int] = _PLAIN,
+    *,
+    least: float = -math.inf,
+    most: float = math.inf,
+    is_positive: bool = False,
+) -> Callable[[str], float]:
+    """A parser of a finite number times its unit, of the empty unit if it needs none."""
+
+    def parse(text: str) -> float:
+        match = _NUMBER.fullmatch(short(text))
+        if not match:
+            raise QuantityError(f"'{text}' is not {what}", f"write it {example}")
+        unit = match[2].lower()
+        if unit not in units:
+            if not unit:
+                raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {example}")
+            known = " or ".join(filter(None, units)) or "no unit"
+            raise QuantityError(f"'{text}' has an unknown unit", f"use {known}, {example}")
+        value = float(Decimal(match[1]) * Decimal(units[unit]))
+        if not math.isfinite(value) or (is_positive and value <= 0):
+            problem = f"'{text}' is not {'positive and ' * is_positive}finite"
+            raise QuantityError(problem, f"give one that is, {example}")
+        if not least <= value <= most:
+            limits = f"{least:g} to {most:g}" if most < math.inf else f"{least:g} or more"
+            raise QuantityError(f"'{text}' is not {what}", f"give {limits}, {example}")
+        return value
+
+    return parse
 
 
-class Unitless(tuple[float, float]):
-    """Two numbers without a unit, in place of lengths: of a depth file, or shares of a blur."""
+number = quantity("a number", "like 1.5")
+_limits = {"least": 1 / _MAX_LENGTH, "most": _MAX_LENGTH}
+# A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``.
+length = quantity("a length", "like 2m or 50mm", _MM, is_positive=True, **_limits)
+# The same, where plain numbers are metres; and the end of a range, which may be 0.
+distance = quantity("a length", "like 2m or 50mm", _MM | {"": "1000"}, is_positive=True, **_limits)
+_end = quantity("a distance", "like 2m, 0 or inf", _MM | {"": "1000"}, least=0, most=_MAX_LENGTH)
+percentage = quantity("a percentage", "like 50", {"": 1, "%": 1}, least=0, most=100)
+# A positive length in the picture, from ``40px`` or ``40``.
+pixel_count = quantity("a length in px", "like 40px", _PX, is_positive=True)
+angle = quantity("an angle", "like 15deg", _DEGREES, least=-360, most=360)
+field_of_view = quantity("a field of view", "like 60", _DEGREES, least=0.01, most=179)
+_fnumber = quantity("an f-number", "like 1.4", is_positive=True)
+_bytes = quantity("a size", "like 2GB", _BYTES, least=1)
+
+
+def fnumber(text: str) -> float:
+    """A positive f-number, from ``1.4`` or ``f/1.4``."""
+    return _fnumber(text.lower().removeprefix("f/"))
+
+
+def byte_count(text: str) -> int:
+    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
+    return int(_bytes(text))
+
+
+def scale(text: str) -> float:
+    """A factor, parsed from ``0.001``, ``1/256`` or ``-1``."""
+    over, slash, under = text.partition("/")
+    if not all(values := [number(over), *([number(under)] if slash else [])]):
+        raise QuantityError(f"'{text}' is 0 or not finite", "write it like 0.001 or 1/256")
+    return values[0] / values[-1] if slash else values[0]
+
+
+def distances(text: str) -> tuple[float, float]:
+    """Two distances in mm, parsed from ``2m 50m``; one may be inf or 0."""
+    words = text.replace(",", " ").split()
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is not two distances", "write them like 2m 50m")
+    first, second = (math.inf if _is_infinite(word) else _end(word) for word in words)
+    return first, second
+
+
+def _is_infinite(text: str) -> bool:
+    return text.strip().lower() in ("inf", "infinity")
 
 
 def sharp_range(text: str) -> tuple[float, float]:
@@ -114,33 +193,10 @@ def sharp_range(text: str) -> tuple[float, float]:
 
 def focus(text: str) -> float | Percentile:
     """The distance in focus in mm, also ``inf``, or ``percentile(50)`` of the depth."""
-    if text.strip().lower() in ("inf", "infinity"):
+    if _is_infinite(text):
         return math.inf
     match = _PERCENTILE.fullmatch(short(text))
     return Percentile(percentage(match[1])) if match else length(text)
-
-
-def percentage(text: str) -> float:
-    """A number from 0 to 100, from ``5`` or ``5%``."""
-    percent = _number(text.strip().removesuffix("%"), "a percentage", "like 50", {"": 1})
-    if not 0 <= percent <= 100:
-        raise QuantityError(f"'{text}' is not a percentage", "write one from 0 to 100, like 50")
-    return float(percent)
-
-
-def pixel_count(text: str) -> float:
-    """A positive length in the picture, from ``40px`` or ``40``."""
-    return _positive(text, "a length in px", "like 40px", {"": 1, "px": 1})
-
-
-@dataclass(frozen=True)
-class SideShare:
-    """A length in the picture as a share of its longer side, like ``2%``."""
-
-    percent: float
-
-    def __str__(self) -> str:
-        return f"{self.percent:.9g}%"
 
 
 def blur(text: str) -> float | SideShare:
@@ -151,182 +207,6 @@ def blur(text: str) -> float | SideShare:
     if not percent:
         raise QuantityError(f"'{text}' is not positive", "write it like 2%")
     return SideShare(percent)
-
-
-def number(text: str) -> float:
-    """A finite number of either sign."""
-    try:
-        value = float(short(text))
-    except ValueError:
-        raise QuantityError(f"'{text}' is not a number", "write it like 1.5") from None
-    if not math.isfinite(value):
-        raise QuantityError(f"'{text}' is not finite", "write it like 1.5")
-    return value
-
-
-def fnumber(text: str) -> float:
-    """A positive f-number, from ``1.4`` or ``f/1.4``."""
-    return _positive(text.lower().removeprefix("f/"), "an f-number", "like 1.4", {"": 1})
-
-
-def angle(text: str) -> float:
-    """An angle in degrees, from ``15`` or ``15deg``."""
-    units = {"": 1, "deg": 1}
-    degrees = float(_number(text.replace("°", "deg"), "an angle", "like 15deg", units))
-    if abs(degrees) > 360:
-        raise QuantityError(f"'{text}' is more than a turn", "give -360 to 360 degrees")
-    return degrees
-
-
-def blades(text: str) -> int:
-    """The number of aperture blades: 0 for a round opening, else 3 or more."""
-    try:
-        count = int(short(text))
-    except ValueError:
-        raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
-    if count < 0 or count in (1, 2):
-        raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
-    if count > MAX_BLADES:
-        raise QuantityError(
-            f"{count} blades are too many", f"give at most {MAX_BLADES}, or 0 (round)"
-        )
-    return count
-
-
-def number_within(
-    minimum: float, maximum: float, what: str, example: str
-) -> Callable[[str], float]:
-    """A parser of plain numbers from ``minimum`` to ``maximum``; infinite for no limit."""
-
-    def parse(text: str) -> float:
-        value = float(_number(text, what, example, {"": 1}))
-        if not minimum <= value <= maximum:
-            bounds = f"{minimum:g} " + (f"to {maximum:g}" if maximum < math.inf else "or more")
-            raise QuantityError(f"'{text}' is not {what}", f"give {bounds}, {example}")
-        return value
-
-    return parse
-
-
-def always(value: T) -> Callable[[str], T]:
-    """A parser that returns a constant, for options without a text."""
-    return lambda _: value
-
-
-def one_of(words: Sequence[str], code: str = "malformed") -> Callable[[str], str]:
-    """A parser that takes one of the words."""
-
-    def parse(text: str) -> str:
-        if text not in words:
-            remedy = did_you_mean(text, words, f"choose from {', '.join(words)}")
-            raise QuantityError(f"'{text}' is not known", remedy, code)
-        return text
-
-    return parse
-
-
-def several(parse: Callable[[str], T], example: str) -> Callable[[str], tuple[T, ...]]:
-    """A parser of values separated by commas, without repetition, in order."""
-
-    def read(text: str) -> tuple[T, ...]:
-        try:
-            return tuple(dict.fromkeys(parse(word.strip()) for word in text.split(",")))
-        except QuantityError:
-            raise
-        except ValueError:
-            problem = f"'{text}' is not a list of such values"
-            raise QuantityError(problem, f"write it like {example}") from None
-
-    return read
-
-
-def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
-    """A parser of a model of dual pixels, or of the path of a file of kernels."""
-
-    def parse(text: str) -> str | Path:
-        if (word := text.strip().lower()) in models:
-            return word
-        if not word.endswith(".npy") or word.startswith("@"):
-            remedy = f"write {' or '.join(models)}, or name a file of kernels, like pair.npy"
-            raise QuantityError(f"'{text}' is not a model of dual pixels", remedy)
-        return file(text)
-
-    return parse
-
-
-def pair(
-    first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
-) -> Callable[[str], tuple[float, float]]:
-    """A parser of two quantities separated by a colon."""
-
-    def parse(text: str) -> tuple[float, float]:
-        words = text.split(":")
-        if len(words) != 2:
-            raise QuantityError(f"'{text}' is {problem}", remedy)
-        return first(words[0]), second(words[1])
-
-    return parse
-
-
-_LIGHTS = "like 0.93:8"
-_clipped = pair(
-    number_within(0, 0.999, "a threshold in linear light", _LIGHTS),
-    number_within(1, 1000, "a gain", _LIGHTS),
-    "no THRESHOLD:GAIN",
-    f"write auto, or {_LIGHTS}",
-)
-
-
-def highlights(text: str) -> tuple[float, float] | None:
-    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None for ``off``."""
-    word = text.strip().lower()
-    return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
-
-
-_RIM = "like 1.05:1.5"
-rim = pair(  # radius and distance of the rim, in radii of the opening
-    number_within(0.1, 10, "the radius of a rim", _RIM),
-    number_within(0, 100, "the distance of a rim", _RIM),
-    "not the rim of a barrel",
-    f"write it {_RIM}",
-)
-
-
-def _shift(text: str) -> float:
-    mm = float(_number(text, "a length", "like 0.1mm", _MM))
-    if abs(mm) > _MAX_SHIFT:
-        raise QuantityError(f"'{text}' shifts too far", f"give {_MAX_SHIFT:g}mm at most")
-    return mm
-
-
-_SHARE = number_within(-1, 1, "a share of the blur", "like 0.1")
-_LIKE = "no RED:BLUE", "write it like 0.1mm:0.05mm"
-_shifts, _shares = pair(_shift, _shift, *_LIKE), pair(_SHARE, _SHARE, *_LIKE)
-
-
-def shifts(text: str) -> tuple[float, float]:
-    """Focus shifts of red and blue in mm, of either sign; `Unitless` beside a blur in px."""
-    has_unit = any(letter.isalpha() for letter in text.replace("e", ""))
-    return _shifts(text) if has_unit else Unitless(_shares(text))
-
-
-def _electrons(minimum: float) -> Callable[[str], float]:
-    parse = number_within(minimum, _MAX_ELECTRONS, "a number of electrons", "like 4000:3")
-    return lambda text: parse(text.strip().removesuffix("e"))
-
-
-# Electrons at a light of 1, and electrons of read noise.
-noise = pair(
-    _electrons(1 / _MAX_ELECTRONS),
-    _electrons(0),
-    "not a sensor noise",
-    "write ELECTRONS:READ, like 4000:3",
-)
-
-
-def switch(text: str) -> bool:
-    """True for ``on``, False for ``off``."""
-    return one_of(("on", "off"))(text.strip().lower()) == "on"
 
 
 def whole_within(minimum: int, maximum: int = 10**9 - 1) -> Callable[[str], int]:
@@ -345,13 +225,15 @@ def whole_within(minimum: int, maximum: int = 10**9 - 1) -> Callable[[str], int]
 
 
 whole = whole_within(0)
+_blades = whole_within(0, _MAX_BLADES)
 
 
-def file(text: str) -> Path:
-    """The path of a file."""
-    if not text or "\0" in text:
-        raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
-    return Path(text)
+def blades(text: str) -> int:
+    """The number of aperture blades: 0 for a round opening, else 3 or more."""
+    count = _blades(text)
+    if count in (1, 2):
+        raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
+    return count
 
 
 def pixel(text: str) -> tuple[int, int]:
@@ -362,12 +244,113 @@ def pixel(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def byte_count(text: str) -> int:
-    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
-    count = int(_number(text, "a size", "like 2GB", _BYTES))
-    if count < 1:
-        raise QuantityError(f"'{text}' holds no byte", "write it like 2GB")
-    return count
+def always(value: T) -> Callable[[str], T]:
+    """A parser that returns a constant, for options without a text."""
+    return lambda _: value
+
+
+def one_of(words: Collection[str], code: str = "malformed") -> Callable[[str], str]:
+    """A parser that takes one of the words."""
+
+    def parse(text: str) -> str:
+        if text not in words:
+            remedy = did_you_mean(text, [*words], f"choose from {', '.join(words)}")
+            raise QuantityError(f"'{text}' is not known", remedy, code)
+        return text
+
+    return parse
+
+
+def switch(text: str) -> bool:
+    """True for ``on``, False for ``off``."""
+    return one_of(("on", "off"))(text.strip().lower()) == "on"
+
+
+def several(parse: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
+    """A parser of values separated by commas, without repetition, in order."""
+
+    def parse_all(text: str) -> tuple[T, ...]:
+        words = [word.strip() for word in text.split(",")]
+        if not all(words):
+            raise QuantityError(f"'{text}' names nothing", "write names with commas between them")
+        return tuple(dict.fromkeys(map(parse, words)))
+
+    return parse_all
+
+
+def file(text: str) -> Path:
+    """The path of a file."""
+    if not text or "\0" in text:
+        raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
+    return Path(text)
+
+
+def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
+    """A parser of a model of dual pixels, or of the path of a file of kernels."""
+
+    def parse(text: str) -> str | Path:
+        if (word := text.strip().lower()) in models:
+            return word
+        if not word.endswith(".npy") or word.startswith("@"):
+            remedy = f"write {' or '.join(models)}, or name a file of kernels, like pair.npy"
+            raise QuantityError(f"'{text}' is not a model of dual pixels", remedy)
+        return file(text)
+
+    return parse
+
+
+def _pair(
+    first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
+) -> Callable[[str], tuple[float, float]]:
+    """A parser of two quantities separated by a colon."""
+
+    def parse(text: str) -> tuple[float, float]:
+        words = text.split(":")
+        if len(words) != 2:
+            raise QuantityError(f"'{text}' is {problem}", remedy)
+        return first(words[0]), second(words[1])
+
+    return parse
+
+
+_LIGHTS, _RIM, _ELECTRONS = "like 0.93:8", "like 1.05:1.5", "like 4000:3"
+_clipped = _pair(
+    quantity("a threshold in linear light", _LIGHTS, least=0, most=0.999),
+    quantity("a gain", _LIGHTS, least=1, most=1000),
+    "no THRESHOLD:GAIN",
+    f"write auto, or {_LIGHTS}",
+)
+rim = _pair(  # radius and distance of the rim, in radii of the opening
+    quantity("the radius of a rim", _RIM, least=0.1, most=10),
+    quantity("the distance of a rim", _RIM, least=0, most=100),
+    "not the rim of a barrel",
+    f"write it {_RIM}",
+)
+_electrons = partial(
+    quantity, "a number of electrons", _ELECTRONS, {"": 1, "e": 1}, most=_MAX_ELECTRONS
+)
+noise = _pair(  # electrons at a light of 1, and of read noise
+    _electrons(least=1 / _MAX_ELECTRONS),
+    _electrons(least=0),
+    "not a sensor noise",
+    f"write ELECTRONS:READ, {_ELECTRONS}",
+)
+_shift = quantity("a focus shift", "like 0.1mm", _MM, least=-10, most=10)
+_share = quantity("a share of the blur", "like 0.1", least=-1, most=1)
+_LIKE = "no RED:BLUE", "write it like 0.1mm:0.05mm"
+_shifts, _shares = _pair(_shift, _shift, *_LIKE), _pair(_share, _share, *_LIKE)
+
+
+def highlights(text: str) -> tuple[float, float] | None:
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None for ``off``."""
+    word = text.strip().lower()
+    return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
+
+
+def shifts(text: str) -> tuple[float, float]:
+    """Focus shifts of red and blue in mm, of either sign; `Unitless` beside a blur in px."""
+    has_unit = any(letter.isalpha() for letter in text.replace("e", ""))
+    return _shifts(text) if has_unit else Unitless(_shares(text))
 
 
 def text_of(value: object) -> str:
@@ -380,24 +363,3 @@ def length_text(mm: float, digits: int = 6) -> str:
     if math.isinf(mm):
         return "inf"
     return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"
-
-
-def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) -> Decimal:
-    """A number times its unit; the empty unit is for plain numbers."""
-    match = _NUMBER.fullmatch(short(text))
-    if not match:
-        raise QuantityError(f"'{text}' is not {what}", f"write it {example}")
-    unit = match[2].lower()
-    if unit in units:
-        return Decimal(match[1]) * Decimal(units[unit])
-    if not unit:
-        raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {example}")
-    known = " or ".join(filter(None, units)) or "no unit"
-    raise QuantityError(f"'{text}' has an unknown unit", f"use {known}, {example}")
-
-
-def _positive(text: str, what: str, example: str, units: Mapping[str, str | int]) -> float:
-    value = float(_number(text, what, example, units))
-    if not 0 < value < math.inf:
-        raise QuantityError(f"'{text}' is not positive and finite", f"give one that is, {example}")
-    return value

@@ -131,7 +131,7 @@ R --depth-format kiti → \
 2 malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
 B wide.toml → \
-2 malformed wide.toml: [reading] edge-width: 101 px is a surface, not an edge; give 100px or less
+2 malformed wide.toml: [reading] edge-width: '101' is not the width of an edge; give 0 to 100, like 8px
 C --fail psnr>45 → \
 2 malformed --fail: 'psnr>45' is met by the better pictures: higher psnr is better; write psnr<45
 C --region 1,2,3 → \
