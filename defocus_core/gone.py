@@ -117,6 +117,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
             for metric in ("max", "mean", "rmse", "psnr")
         ),
         Gone("key", "max-coc", "limit radii by clamp-blur, or draw the focus in percentiles"),
+        Gone("key", "depth-repair", "write it below [reading]", "[machine]"),
         Gone("value", "draft", "write standard", "quality"),
         Gone("python", "signed_coc", "write 2 * pixel_size * signed_radius(depth)", "DefocusLens"),
         Gone("option", "aperture-diameter", "write fnumber, the focal length by the diameter"),

@@ -46,11 +46,10 @@ from defocus_core.request.resolver import (
     check_lens,
     fields_of,
     laid_over,
+    layer_of,
     lens_of,
     outputs_of,
-    parsed,
     reading_of,
-    refuse_contradiction,
 )
 from defocus_core.system.process import cores
 
@@ -75,15 +74,7 @@ def param_option(param: Param, text: str = "") -> Decorator:
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
     """The given options of rows, from the values of parameters."""
-    layer = {}
-    for name, row in rows.items():
-        value = values.get(name.replace("-", "_"))
-        if value is not None and (value is not False or row.toggle):
-            text = " ".join(value) if isinstance(value, tuple) else str(value)
-            text = {True: "on", False: "off"}[value] if row.toggle else text
-            layer[name] = parsed(name, text, CALLER.with_field(name))
-    refuse_contradiction(layer)
-    return layer
+    return layer_of({name: values.get(name.replace("-", "_")) for name in rows}, rows, CALLER.with_field)
 
 
 class LensFile(FilePath):

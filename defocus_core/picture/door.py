@@ -32,11 +32,10 @@ from defocus_core.request.resolver import (
     Layer,
     fields_of,
     laid_over,
+    layer_of,
     outputs_of,
     reading_of,
-    refuse_contradiction,
 )
-from defocus_core.request.resolver import given as given_to
 
 Progress = Callable[[int, int], None]
 _ARRAY = Path("picture")  # the name of a picture in memory
@@ -549,12 +548,8 @@ def _focus(focus: str | float | None) -> dict[str, str | None]:
 
 
 def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], more: Sequence[str] = ()) -> Layer:
-    """The options of keywords that are not None; `more`: other allowed keywords."""
-    given = {
-        name.replace("_", "-"): list(value) if isinstance(value, tuple) else value
-        for name, value in values.items()
-        if value is not None
-    }
+    """The options of keywords; `more`: other allowed keywords."""
+    given = {name.replace("_", "-"): value for name, value in values.items()}
     for name in given:
         if name not in rows or rows[name].only == "files":
             word, words = (each.replace("-", "_") for each in (name, ", ".join(rows)))
@@ -562,13 +557,7 @@ def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], more: Sequence[
             known = did_you_mean(word, every, f"there are {', '.join(every)}")
             remedy = gone.remedy("option", name, otherwise=known)
             raise UsageProblem("unknown-name", "is not an option", remedy, field=word)
-    layer = {
-        name: given_to(name, value, CALLER.with_field(name))
-        for name, value in given.items()
-        if not (rows[name].flag and value is False)
-    }
-    refuse_contradiction(layer)
-    return layer
+    return layer_of(given, rows, CALLER.with_field)
 
 
 def _array(values: Any) -> NDArray[Any]:

@@ -13,7 +13,7 @@ A TOML file with the tables
   [reading]   depth-format and the other options of reading, see `job_options`
   [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
               inputs = "copy" adds the sharp picture and its depth, kinds image and depth
-  [machine]   quality; depth-repair may stand here instead
+  [machine]   quality
 
 ``[inputs]`` knows
   color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
@@ -123,11 +123,11 @@ def read_batch(
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     tables = {name: table(path, stored, name) for name in TABLES}
     read_origin(tables["dataset"])
-    reading = _reading(tables["reading"], tables["lens"], tables["machine"])
+    reading = _reading(tables["reading"], tables["lens"])
     animation = read_animation((), tables["animate"])
     lenses = _lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
     outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
-    quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS, "depth-repair"))
+    quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS))
     entries, shot = read_inputs(tables["inputs"])
     outputs = replace(outputs, labels=tuple(tables["inputs"].values.get("carry", ())))
     if (count := len(entries) * lenses.count) > MAX_JOBS:
@@ -160,18 +160,10 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     return read_batch(path, outputs, machine).jobs
 
 
-def _reading(section: Table, lens: Table, machine: Table) -> Reading:
+def _reading(section: Table, lens: Table) -> Reading:
     """The options of ``[reading]``, above those of the lens file."""
-    repair = {n: value for n, value in machine.values.items() if n == "depth-repair"}
-    if repair and "depth-repair" in section.values:
-        problem, place = "stands in [reading], too", machine.place("depth-repair")
-        raise UsageProblem("contradiction", problem, "keep one of them", path=place)
     file = _lens_file(lens)
-    return reading_of(
-        {} if file is None else reading_in(file),
-        layer_of(repair, READING_OPTIONS, machine.place),
-        layer_in(section, READING_OPTIONS),
-    )
+    return reading_of({} if file is None else reading_in(file), layer_in(section, READING_OPTIONS))
 
 
 def _lenses(
@@ -244,7 +236,7 @@ def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
     apart = ("list", "pictures", "carry")
     values = {key: value for key, value in table.values.items() if key not in apart}
     carried = _carried(table)
-    options = layer_of(values, INPUT_OPTIONS, table.place)
+    options = layer_of(values, keys_of(INPUT_OPTIONS), table.place)
     paths = {name: Path(each.text) for name, each in options.items() if INPUT_OPTIONS[name].is_path}
     if "color" not in paths:
         if options or carried:

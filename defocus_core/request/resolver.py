@@ -74,8 +74,9 @@ def parsed(name: str, text: str, place: Place) -> Given:
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
     """The options of a table of a file; keys other than theirs and ``others`` are refused."""
-    table.refuse_unknown((*keys_of(rows), *others))
-    return layer_of(table.values, rows, table.place)
+    named = keys_of(rows)
+    table.refuse_unknown((*named, *others))
+    return layer_of(table.values, named, table.place)
 
 
 def keys_of(rows: Mapping[str, Param]) -> dict[str, Param]:
@@ -86,15 +87,14 @@ def keys_of(rows: Mapping[str, Param]) -> dict[str, Param]:
 def layer_of(
     values: Mapping[str, Any], rows: Mapping[str, Param], at: Callable[[str], Place]
 ) -> dict[str, Given]:
-    """The options among the values of a file, each checked by itself.
+    """The options among values by key, each checked by itself; None is not given.
 
-    `rows`: the known options; `at`: the place of a key. Paths are relative to its file.
+    `rows`: the options by key; `at`: the place of a key. Paths are relative to its file.
     """
-    named = keys_of(rows)
     layer = {
-        named[key].name: given(named[key].name, value, at(key))
+        rows[key].name: given(rows[key].name, value, at(key))
         for key, value in values.items()
-        if key in named and not (named[key].flag and value is False)
+        if key in rows and value is not None and not (rows[key].flag and value is False)
     }
     refuse_contradiction(layer)
     return layer

@@ -46,7 +46,6 @@ TOML: dict[str, str | bytes] = {
     "jobs": HEAD + 'focus = "2m"\n',
     "sweep": HEAD + "[sweep]\nfnumbr = [2]\n",
     "match": HEAD + '[sample]\nn = 2\nseed = 1\nmatch = "set"\n',
-    "twice": HEAD + '[reading]\ndepth-repair = "off"\n[machine]\ndepth-repair = "auto"\n',
     "idle": HEAD + '[reading]\ndepth-repair = "off"\nedge-width = "4px"\n',
     "wide": HEAD + "[reading]\nedge-width = 101\n",
     "self": '[inputs]\ncolor = "link/**/*.exr"\ndepth = "z.exr"\n',
@@ -74,8 +73,6 @@ LINES = """
 R --focus-at 1,1 → 2 contradiction --focus: contradicts --focus-at; give one of them
 R --edge-width 4 --depth-repair off → \
 2 contradiction --edge-width: of 4px contradicts depth-repair off; leave one of them out
-B twice.toml → \
-2 contradiction twice.toml: [machine] depth-repair: stands in [reading], too; keep one of them
 B idle.toml → \
 2 contradiction idle.toml: [reading] edge-width: of 4px contradicts depth-repair off; leave one \
 of them out
@@ -131,7 +128,8 @@ R --depth-format kiti → \
 2 malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
 B wide.toml → \
-2 malformed wide.toml: [reading] edge-width: '101' is not the width of an edge; give 0 to 100, like 8px
+2 malformed wide.toml: [reading] edge-width: '101' is not the width of an edge; give 0 to \
+100, like 8px
 C --fail psnr>45 → \
 2 malformed --fail: 'psnr>45' is met by the better pictures: higher psnr is better; write psnr<45
 C --region 1,2,3 → \

@@ -16,13 +16,13 @@ depth-unit = "cm"
 depth-channel = "Z"
 color-layer = "beauty"
 part = 1
+depth-repair = "off"
 [outputs]
 kinds = ["render", "coc"]
 format = "jpeg"
 preview = true
 [machine]
 quality = "high"
-depth-repair = "off"
 """
     outputs = Outputs(tmp_path / "o", overwrite=True)
     job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
