@@ -18,7 +18,7 @@ from defocus_cli.commands.help import TOPICS
 from defocus_core import read_color
 from defocus_core.io.images.encode import write_samples
 from defocus_core.request.job import Machine, Outputs
-from defocus_core.request.jobs_file import read_jobs
+from defocus_core.request.jobs_file import read_batch
 
 ROOT = Path(__file__).parents[1]
 HELP = ROOT / "defocus_cli" / "help"
@@ -175,7 +175,7 @@ def test_the_python_of_a_document_runs(name, desk, capsys):
 def test_the_jobs_file_makes_as_many_pictures_as_it_says(desk):
     text = DOCUMENTS["batch"].read_text()
     write_named_blocks(text, desk)
-    jobs = read_jobs(desk / "jobs.toml", Outputs(desk / "out"), Machine())
+    jobs = read_batch(desk / "jobs.toml", Outputs(desk / "out"), Machine()).jobs
     assert f"makes {len(jobs)} pictures" in text
 
 

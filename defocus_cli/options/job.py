@@ -24,7 +24,6 @@ from defocus_cli.options.shared import (
     position_of,
 )
 from defocus_core.errors import CALLER, UsageProblem, with_dashes
-from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import FrameChoice
 from defocus_core.request.job import Machine, Outputs, Reading
 from defocus_core.request.job_options import (
@@ -102,8 +101,7 @@ def opening_options() -> Decorator:
     def make(lens_file: Path | None, **values: Any) -> LensValues:
         from defocus_core.request.lens_files import read_lens_file
 
-        stored = read_lens_file(lens_file) if lens_file else {}
-        shape = {name: each for name, each in stored.items() if name in SHAPES}
+        shape = read_lens_file(lens_file, SHAPES)
         options = laid_over(shape, given_options(values, LENS_OPTIONS))
         check_lens(options, CALLER, radii=True)
         return lens_of(options)
@@ -125,9 +123,9 @@ def reading_options(
 def _asked_reading(**_: Any) -> Reading:
     params, below = click.get_current_context().params, dict[str, Given]()
     if (file := params.get("lens_file")) is not None:
-        from defocus_core.request.lens_files import reading_in
+        from defocus_core.request.lens_files import read_lens_file
 
-        below |= reading_in(file)
+        below = read_lens_file(file, READING_OPTIONS)
     return reading_of(below, given_options(params, READING_OPTIONS))
 
 
@@ -186,10 +184,9 @@ def shot_lens_options(
         lenses = PictureLenses(
             own,
             file=lens_file,
-            radii=reading.holds_radii,
+            reading=reading,
             animation=animation,
             metadata=metadata,
-            metres=UNITS[reading.depth_unit or "m"],
         )
         try:
             _ = lenses.fixed  # raises errors before pictures are searched

@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 from defocus_core import gone
 from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean
-from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.picture.take import Arrays, Inputs, Take
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, READING_OPTIONS
 from defocus_core.request.lens import LensValues
-from defocus_core.request.lens_files import lens_path, reading_in
+from defocus_core.request.lens_files import lens_path, read_lens_file
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
@@ -276,9 +275,8 @@ class Lens:
         lenses = PictureLenses(
             own=self._layer,
             file=self._file,
-            radii=reading.holds_radii,
+            reading=reading,
             metadata=self._metadata,
-            metres=UNITS[reading.depth_unit or "m"],
         )
         if not lenses.is_complete:
             from defocus_core.picture import subject
@@ -533,8 +531,7 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
     """A picture with its lens and its radii."""
     from defocus_core.picture import plain_path
 
-    of_file = {} if lens._file is None else reading_in(lens._file)
-    reading = reading_of(of_file, picture._reading)
+    reading = reading_of(read_lens_file(lens._file, READING_OPTIONS), picture._reading)
     outputs = Outputs(Path(), kinds=kinds, exr_type="float")
     job = Job(picture.files, *lens._values(picture, reading), outputs, machine)
     return plain_path.prepare(job, picture._read(job))

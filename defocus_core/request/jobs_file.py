@@ -45,7 +45,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from defocus_core.errors import InputError, Place, UsageProblem
-from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.row_files import Row, read_rows
 from defocus_core.request.animation import Animation, read_animation
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading, is_label
@@ -57,7 +56,7 @@ from defocus_core.request.job_options import (
     SHOT_OPTIONS,
 )
 from defocus_core.request.lens import LensValues
-from defocus_core.request.lens_files import lens_path, reading_in
+from defocus_core.request.lens_files import lens_path, read_lens_file
 from defocus_core.request.origin import JobsSource, read_origin
 from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find, others_of
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
@@ -123,7 +122,10 @@ def read_batch(
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     tables = {name: table(path, stored, name) for name in TABLES}
     read_origin(tables["dataset"])
-    reading = _reading(tables["reading"], tables["lens"])
+    file = _lens_file(tables["lens"])
+    reading = reading_of(
+        read_lens_file(file, READING_OPTIONS), layer_in(tables["reading"], READING_OPTIONS)
+    )
     animation = read_animation((), tables["animate"])
     lenses = _lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
     outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
@@ -155,17 +157,6 @@ def read_batch(
     return Batch(with_shot(jobs, every, lens_of, decisions, moving=lenses.moves_focus), source)
 
 
-def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
-    """The jobs of a jobs file, as `read_batch`."""
-    return read_batch(path, outputs, machine).jobs
-
-
-def _reading(section: Table, lens: Table) -> Reading:
-    """The options of ``[reading]``, above those of the lens file."""
-    file = _lens_file(lens)
-    return reading_of({} if file is None else reading_in(file), layer_in(section, READING_OPTIONS))
-
-
 def _lenses(
     lens: Table, sweep: Table, sample: Table, animation: Animation | None, reading: Reading
 ) -> PictureLenses:
@@ -176,10 +167,9 @@ def _lenses(
         where=lens.place(),
         file=_lens_file(lens),
         file_key="file",
-        radii=reading.holds_radii,
+        reading=reading,
         animation=animation,
         metadata=lens.flag(METADATA) or False,
-        metres=UNITS[reading.depth_unit or "m"],
         points=read_sweep(sweep),
         sampling=read_sampling(sample),
     )

@@ -10,6 +10,7 @@ Values are texts, with units as on the command line::
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -25,18 +26,16 @@ from defocus_core.system.text import note
 MARK = "@"
 
 
-def read_lens_file(file: Path) -> dict[str, Given]:
-    """The options of a lens file, those of reading, too."""
+def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> dict[str, Given]:
+    """The wanted options of a lens file, if there is one; it has those of reading, too."""
+    if file is None:
+        return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
     rows = {**LENS_OPTIONS, **READING_OPTIONS}
     refuse_unknown(stored, tuple(rows), file, "a lens file")
-    return layer_of(stored, rows, Place(file).with_field)
-
-
-def reading_in(file: Path) -> Layer:
-    """The options of reading of a lens file."""
-    return {name: each for name, each in read_lens_file(file).items() if name in READING_OPTIONS}
+    layer = layer_of(stored, rows, Place(file).with_field)
+    return {name: each for name, each in layer.items() if name in wanted}
 
 
 def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
@@ -45,26 +44,19 @@ def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
     `where`: the option that names the file; `in_pixels`: others have a blur in pixels; `radii`: the
     depth files hold radii, and options that decide radii are left out, with a note.
     """
-    stored = {name: each for name, each in read_lens_file(file).items() if name in LENS_OPTIONS}
+    stored = read_lens_file(file)
     if "blur" in stored:
         return stored
     if in_pixels:
-        _refuse_beside_blur(stored, file, where)
+        if optics := [name for name in stored if name not in BESIDE_BLUR]:
+            problem = f"{file.name} decides radii by {', '.join(optics)}, and so does blur"
+            opening = " ".join(f"‹{n}› {stored[n].text}" for n in OPENING if n in stored)
+            remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
+            raise UsageProblem("contradiction", problem, remedy, path=where)
     elif radii and (idle := [name for name in stored if LENS_OPTIONS[name].is_optics]):
         note(f"defocus: {file}: {', '.join(idle)} left out: the depth files hold the radii")
         return {name: each for name, each in stored.items() if name not in idle}
     return stored
-
-
-def _refuse_beside_blur(stored: Layer, file: Path, where: Place) -> None:
-    """Raise UsageProblem if a lens file decides the radii beside a blur in pixels."""
-    optics = [name for name in stored if name not in BESIDE_BLUR]
-    if not optics:
-        return
-    problem = f"{file.name} decides radii by {', '.join(optics)}, and so does blur"
-    opening = " ".join(f"‹{name}› {stored[name].text}" for name in OPENING if name in stored)
-    remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
-    raise UsageProblem("contradiction", problem, remedy, path=where)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -161,30 +160,6 @@ def _shot(
     frames: FrameChoice,
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
     """The wanted frames of patterns, with a note on incomplete ones, and all frames."""
-    files = _number(color, depth, others, root)
-    paths = [color, depth or color]
-    for other_color, other_depth in others.values():
-        paths += [other_color, other_depth or other_color]
-    every = {root / path: of for path, of in zip(paths, files.values(), strict=True)}
-    numbers, skipped = chosen(every, frames)
-    if skipped:
-        note(f"defocus: {skipped}; left out")
-    whole = {n: _frame(files, n) for n in sorted(set.intersection(*map(set, files.values())))}
-    return [whole[number] for number in numbers], list(whole.values())
-
-
-def _number(
-    color: Path, depth: Path | None, others: Others, root: Path
-) -> dict[str, dict[int, Path]]:
-    """The files of frame patterns by role, then by number."""
-
-    def numbered(path: Path) -> dict[int, Path]:
-        if not is_pattern(root / path):
-            problem = "numbers no frames, unlike another path"
-            remedy = "give patterns like 'shot.####.exr' for all of them"
-            raise InputError("missing-frames", problem, remedy, path=root / path)
-        return frames_of(root / path)
-
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
             "missing-frames",
@@ -192,10 +167,21 @@ def _number(
             "give the depth frames as a second argument",
             path=root / color,
         )
-    paths = {"color": color, "depth": depth or color}
+    paths = {"color": root / color, "depth": root / (depth or color)}
     for role, (other_color, other_depth) in others.items():
-        paths |= {f"{role}_color": other_color, f"{role}_depth": other_depth or other_color}
-    return {role: numbered(path) for role, path in paths.items()}
+        paths[f"{role}_color"] = root / other_color
+        paths[f"{role}_depth"] = root / (other_depth or other_color)
+    for path in paths.values():
+        if not is_pattern(path):
+            problem = "numbers no frames, unlike another path"
+            remedy = "give patterns like 'shot.####.exr' for all of them"
+            raise InputError("missing-frames", problem, remedy, path=path)
+    files = {role: frames_of(path) for role, path in paths.items()}
+    numbers, skipped = chosen({path: files[role] for role, path in paths.items()}, frames)
+    if skipped:
+        note(f"defocus: {skipped}; left out")
+    whole = {n: _frame(files, n) for n in sorted(set.intersection(*map(set, files.values())))}
+    return [whole[number] for number in numbers], list(whole.values())
 
 
 def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> PictureFiles:
@@ -282,24 +268,6 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
     return _Files(path, kind, by_name, photos)
 
 
-def _common_patterns(*sides: _Files) -> str:
-    """Patterns that pair the files of directories if names differ in affixes only; else empty."""
-    patterns, cores = [], []
-    for side in sides:
-        names = list(side.by_name)
-        first = commonprefix(names)  # noqa: RUF071 - names are no paths
-        last = commonprefix([name[::-1] for name in names])[::-1]  # noqa: RUF071
-        before = re.sub(r"[^_.-]*$", "", first) or re.sub(r"[0-9].*$", "", first)
-        after = re.sub(r"^[^_.-]*", "", last)
-        before, after = (before, after) if len(names) > 1 else ("", "")
-        cores.append({name[len(before) : len(name) - len(after)] for name in names})
-        suffixes = {path.suffix for path in side.by_name.values()}
-        end = suffixes.pop() if len(suffixes) == 1 else ".*"
-        patterns.append(f'"{side.path / f"{before}*{after}{end}"}"')
-    alike = cores[0] == cores[1] and all(cores[0])
-    return " and ".join(patterns) if alike else ""
-
-
 def _refuse_unpaired(files: _Files, others: _Files) -> None:
     """Refuse files if one of them has no partner among the others."""
     if files.kind != others.kind:
@@ -312,7 +280,5 @@ def _refuse_unpaired(files: _Files, others: _Files) -> None:
     if lone:
         more = f", and none for {len(lone) - 1} more" if len(lone) > 1 else ""
         problem = f"has no file named '{lone[0]}', as {files.by_name[lone[0]]} is{more}"
-        remedy = "name colour and depth files alike, or move the unpaired ones away"
-        if files.kind == "directory" and (patterns := _common_patterns(files, others)):
-            remedy = f"pair them in a jobs file, by the patterns {patterns}"
+        remedy = "name colour and depth files alike, or pair them by patterns in a jobs file"
         raise InputError("empty", problem, remedy, path=others.path)

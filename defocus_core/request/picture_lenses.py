@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.request.job import PictureFiles
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.lens import Draw, LensValues
 from defocus_core.request.parameters import METADATA
 from defocus_core.request.resolver import (
@@ -57,11 +58,10 @@ class PictureLenses:
     where: Place = CALLER  # their place
     file: Path | None = None  # a lens file, if there is one
     file_key: str = "lens"  # place of the option that names it
-    # whether depth files hold radii, so that only the shape of the opening counts
-    radii: bool = False
+    # radii leave only the opening; its unit is that of metadata
+    reading: Reading = field(default_factory=Reading)
     animation: Animation | None = None
     metadata: bool = False  # whether metadata of each colour file give options
-    metres: float = 1.0  # the unit of the scene, for lengths in metadata
     # the options of each lens of the sweep, by its suffix
     points: Mapping[str, Layer] = field(default_factory=lambda: {"": _NONE})
     sampling: Sampling = field(default_factory=Sampling)  # the draws for each lens of the sweep
@@ -79,7 +79,7 @@ class PictureLenses:
         if self.metadata:
             asked = {METADATA: Given(True, "", self.where.with_field(METADATA))}
             in_pixels = "blur" in {*self.own, *self.places}
-            refuse_optics(asked, in_pixels=in_pixels, radii=self.radii)
+            refuse_optics(asked, in_pixels=in_pixels, radii=self.reading.holds_radii)
 
     @property
     def _listed(self) -> set[str]:
@@ -119,7 +119,7 @@ class PictureLenses:
     @property
     def is_complete(self) -> bool:
         """Whether default blur and focus of relative depth need not be tried."""
-        fixed = self.varies or self.radii
+        fixed = self.varies or self.reading.holds_radii
         return fixed or not ("blur" in self.options or missing_options(self.options))
 
     @property
@@ -184,7 +184,7 @@ class PictureLenses:
             remedy = "add ‹sensor-width› 36mm, or what the camera has"
             raise UsageProblem("missing-option", problem, remedy, field="sensor-width")
         lacking = picture.color if self.metadata and picture is not None else None
-        check_lens(options, self.where, radii=self.radii, lacking=lacking)
+        check_lens(options, self.where, radii=self.reading.holds_radii, lacking=lacking)
 
     def _options(self, picture: PictureFiles, row: Layer) -> tuple[Layer, Layer]:
         """The options of a picture except swept ones, and those from its metadata."""
@@ -202,7 +202,7 @@ class PictureLenses:
             from defocus_core.request.lens_files import lens_in
 
             where = self.where.with_field(self.file_key)
-            stored = lens_in(self.file, where, in_pixels=in_pixels, radii=self.radii)
+            stored = lens_in(self.file, where, in_pixels=in_pixels, radii=self.reading.holds_radii)
             self._stored[in_pixels] = stored
         return self._stored[in_pixels]
 
@@ -211,9 +211,10 @@ class PictureLenses:
             return {}
         from defocus_core.io.shots.lens_metadata import lens_of as of_metadata
 
+        metres = UNITS[self.reading.depth_unit or "m"]
         return {
             name: given(name, each.text, Place(picture.color, field=each.attribute))
-            for name, each in of_metadata(picture.color, self.metres).items()
+            for name, each in of_metadata(picture.color, metres).items()
         }
 
     def _keyed(self, picture: PictureFiles) -> Layer:

@@ -27,7 +27,6 @@ from defocus_core.system.text import counted, note
 
 _SCENE = "scene"
 _ROUNDING = 1e-6
-_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")  # characters that patterns do not have
 
 
 def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]:
@@ -38,7 +37,9 @@ def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]
         if not fractions and not counts:
             problem = "stands without shares"
             raise UsageProblem("missing-option", problem, "add train = 0.9", path=place)
-        _refuse_expression(pattern, place)
+        if not has_wildcard(pattern):
+            remedy = 'write a pattern, like "*_##": * is the scene, # a digit'
+            raise UsageProblem("malformed", f"'{pattern}' has no wildcard", remedy, path=place)
     if not fractions and not counts:
         return [NO_SPLIT] * len(pictures)
     where = section.place(next(iter(counts), _SCENE)) if pattern is None else place
@@ -64,7 +65,8 @@ def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
         return name if picture.frame is None else re.sub(r"\d+$", "", name)
     scene = wild_text(name, pattern)
     if not scene:
-        problem, remedy = f"finds no scene in '{name}'", "make it match each name"
+        problem = f"finds no scene in '{name}'"
+        remedy = 'write a pattern that matches each name, like "*_##", or "*"'
         raise UsageProblem("no-scene", problem, remedy, path=where)
     return scene
 
@@ -137,12 +139,3 @@ def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
             "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
         )
     return fractions, counts
-
-
-def _refuse_expression(text: str, where: Place) -> None:
-    """Refuse regular expressions, the former syntax, and patterns without a wildcard."""
-    is_expression = _OF_EXPRESSIONS.search(text)
-    if is_expression or not has_wildcard(text):
-        problem = "is a regular expression" if is_expression else "has no wildcard"
-        remedy = 'write a pattern, like "*_##": * is the scene, # a digit'
-        raise UsageProblem("malformed", f"'{text}' {problem}", remedy, path=where)

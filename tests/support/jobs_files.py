@@ -4,7 +4,7 @@ import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.jobs_file import read_jobs
+from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.lens import LensValues
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
@@ -42,7 +42,7 @@ def jobs_file(folder, text, *, inputs=""):
 
 def jobs(folder, text, *, inputs="", out="out"):
     path = jobs_file(folder, text, inputs=inputs)
-    return read_jobs(path, Outputs(folder / out), Machine())
+    return read_batch(path, Outputs(folder / out), Machine()).jobs
 
 
 def names(found):

@@ -10,7 +10,7 @@ from refusals import refuses
 
 from defocus_core.io.wildcards import matching
 from defocus_core.request.job import PictureFiles
-from defocus_core.request.pairing import find, find_pictures
+from defocus_core.request.pairing import find_pictures
 
 
 @pytest.mark.parametrize(
@@ -140,29 +140,7 @@ def test_a_picture_may_not_bring_what_is_swept(tmp_path):
         jobs(tmp_path, sweep, inputs='list = "l.csv"')
 
 
-@pytest.mark.parametrize(
-    ("color", "depth", "patterns"),
-    [
-        ("rgb_{}.png", "depth_{}.png", ("rgb_*.png", "depth_*.png")),
-        ("{}.jpg", "{}_depth.png", ("*.jpg", "*_depth.png")),
-        ("{}.jpg", "{}.jpg.geometric.bin", ("*.jpg", "*.jpg.geometric.bin")),
-        ("rgb{}.png", "z.{}.npy", ("rgb*.png", "z.*.npy")),
-    ],
-)
-def test_folders_of_other_affixes_are_told_the_patterns_that_pair_them(
-    tmp_path, color, depth, patterns
-):
-    for number in ("0001", "0002", "0011"):
-        touch(tmp_path, f"c/{color.format(number)}", f"d/{depth.format(number)}")
-    paths = [tmp_path / "c", tmp_path / "d"]
-    words = " and ".join(f'"{p / each}"' for p, each in zip(paths, patterns, strict=True))
-    with refuses("empty", words):
-        find_pictures(*paths)
-    every, _ = find(Path("c") / patterns[0], Path("d") / patterns[1], {}, patterns_in=tmp_path)
-    assert len(every) == 3
-
-
-def test_names_that_share_no_core_are_told_none(tmp_path):
+def test_folders_of_other_names_are_refused(tmp_path):
     touch(tmp_path, "c/a_1.png", "c/a_2.png", "d/b_1.png", "d/b_3.png")
     with refuses("empty", "alike"):
         find_pictures(tmp_path / "c", tmp_path / "d")

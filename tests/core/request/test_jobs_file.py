@@ -5,7 +5,7 @@ import math
 from jobs_files import FIXED, jobs, jobs_file, names, touch
 
 from defocus_core.request.job import Machine, Outputs, Reading
-from defocus_core.request.jobs_file import read_jobs
+from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.lens import LensValues
 
 
@@ -25,7 +25,8 @@ preview = true
 quality = "high"
 """
     outputs = Outputs(tmp_path / "o", overwrite=True)
-    job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
+    machine = Machine(device="cpu", threads=3)
+    (job,) = read_batch(jobs_file(tmp_path, FIXED + text), outputs, machine).jobs
     assert job.lens == LensValues(50.0, 2.0, 2000.0)
     taken = {"depth_unit": "cm", "depth_channel": "Z", "color_layer": "beauty", "part": 1}
     assert job.reading == Reading(**taken, depth_repair="off")
@@ -41,7 +42,7 @@ quality = "high"
 def test_what_a_file_does_not_say_is_as_told(tmp_path):
     outputs = Outputs(tmp_path / "o", ("left",), "png16")
     machine = Machine("high", device="cuda", threads=2)
-    job = read_jobs(jobs_file(tmp_path, FIXED), outputs, machine)[0]
+    job = read_batch(jobs_file(tmp_path, FIXED), outputs, machine).jobs[0]
     assert (job.outputs, job.machine, job.reading) == (outputs, machine, Reading())
     assert job.sample_id == "a"
 

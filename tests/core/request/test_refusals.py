@@ -8,7 +8,7 @@ from defocus_core.errors import CALLER
 from defocus_core.io.shots.key_files import read_keys
 from defocus_core.request.animation import read_animation
 from defocus_core.request.job import Machine, Outputs
-from defocus_core.request.jobs_file import read_jobs
+from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.pairing import find_pictures
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import parsed, refuse_contradiction
@@ -143,7 +143,7 @@ def inputs(folder, text):
 
 def file(folder, text):
     (folder / "jobs.toml").write_text(text)
-    read_jobs(folder / "jobs.toml", Outputs(folder), Machine())
+    read_batch(folder / "jobs.toml", Outputs(folder), Machine())
 
 
 def pairs(folder, text):

@@ -8,7 +8,7 @@ from elements import disc, element, write
 from refusals import refuses
 
 from defocus_core.errors import CALLER, Place
-from defocus_core.request.job import PictureFiles
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.lens import LensValues
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
@@ -104,6 +104,6 @@ def test_metadata_win_over_a_lens_file_and_all_else_over_metadata(tmp_path):
 
 def test_what_a_lens_file_says_in_vain_beside_radii_is_said(tmp_path, caplog):
     file = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\nblades = 6\n')
-    lens = PictureLenses({}, file=file, radii=True).fixed
+    lens = PictureLenses({}, file=file, reading=Reading(depth_format="coc")).fixed
     assert (lens.is_shape, lens.blades) == (True, 6)
     assert "focal-length, fnumber left out" in caplog.text

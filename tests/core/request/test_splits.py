@@ -108,10 +108,13 @@ def test_a_scene_is_what_wildcards_stand_for_without_the_numbers(pattern, name, 
     assert found.scene == scene
 
 
-@pytest.mark.parametrize("text", [r"(.+)_\d+", r"^([^_]+)_[0-9]+$", "a**(", "room"])
-def test_an_expression_and_a_pattern_without_a_wildcard_are_refused(text):
-    with refuses("malformed", '"*_##"', path=Path("jobs.toml"), field="scene"):
-        splits(train=1, scene=text)
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [(r"(.+)_\d+", "malformed"), ("room", "malformed"), (r"^([^_]+)_[0-9]+$", "no-scene")],
+)
+def test_an_expression_and_a_pattern_without_a_wildcard_are_refused(text, code):
+    with refuses(code, '"*_##"', path=Path("jobs.toml"), field="scene"):
+        splits(picture("room_1"), train=1, scene=text)
 
 
 def test_patterns_of_many_wildcards_end():
