@@ -73,7 +73,8 @@ def param_option(param: Param, text: str = "") -> Decorator:
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
     """The given options of rows, from the values of parameters."""
-    return layer_of({name: values.get(name.replace("-", "_")) for name in rows}, rows, CALLER.with_field)
+    given = {name: values.get(name.replace("-", "_")) for name in rows}
+    return layer_of(given, rows, CALLER.with_field)
 
 
 class LensFile(FilePath):
