@@ -71,13 +71,6 @@ def test_white_stays_white_and_the_pair_makes_the_centre(quality):
     assert torch.equal(views.render, render(image, radius, cat_eye=CAT, quality=quality).render)
 
 
-@pytest.mark.usefixtures("torch_back")
-def test_a_wide_rim_without_distance_clips_nothing():
-    image, radius = scene()
-    plain = render(image, radius).render
-    assert (render(image, radius, cat_eye=CatEye(3.0, 0.0)).render - plain).abs().max() < 1e-3
-
-
 def test_neighbouring_regions_have_no_seam():
     wide = torch.linspace(0, 1, 1100)[None, None, :].expand(1, 64, -1).contiguous()
     bar = (wide * 40 % 1 > 0.5).float() * 0.5 + 0.25

@@ -60,12 +60,6 @@ def test_dual_pixel_images_take_depth_of_either_sign(small, options):
     assert not torch.equal(*before)
 
 
-def test_depth_may_lack_the_dimension_of_channels(small):
-    assert torch.equal(
-        small.render_rgbd(image(), plane(500.0)[:, 0]), small.render_rgbd(image(), plane(500.0))
-    )
-
-
 def test_the_sky_may_be_minus_infinity_in_a_map_of_negative_depth(small):
     depth = plane(-500.0)
     depth[..., :20] = -math.inf
@@ -113,11 +107,6 @@ def test_arguments_have_deeplens_names_order_and_defaults(method, arguments):
     parameters = list(inspect.signature(getattr(DefocusLens, method)).parameters.values())[1:]
     plain = [p.replace(annotation=p.empty) for p in parameters]
     assert str(inspect.Signature(plain))[1:-1].startswith(arguments)
-
-
-def test_a_wavelength_has_its_place_and_no_effect(lens):
-    at = points(-900.0)
-    assert torch.equal(lens.psf(at, 0.55, 31), lens.psf(at, ks=31))
 
 
 def test_another_resolution_keeps_the_diagonal_and_makes_pixels_square(lens):

@@ -42,16 +42,6 @@ def test_gradients_to_the_image_are_exact(quality):
     assert gradcheck(pictures, (picture().requires_grad_(),), atol=1e-6, fast_mode=True)
 
 
-def test_gradients_to_the_radius_are_exact_where_the_order_does_not_change():
-    image = picture()
-
-    def pictures(radius):
-        o = render(image, radius, left_right=True)
-        return o.render, o.right
-
-    assert gradcheck(pictures, (slope_with_a_card(),), atol=1e-5, fast_mode=True)
-
-
 def test_gradients_to_depth_and_lens_are_exact():
     image = picture()[None]
     depth = torch.linspace(1800, 2300, SIZE[1]).double().expand(1, 1, *SIZE).clone()

@@ -59,17 +59,3 @@ def test_alpha_of_a_half_is_1_at_most(negative, aperture, quality):
         assert picture.max() <= 1 + WHITE
         assert picture.min() >= negative - WHITE
         assert worst(picture[:3], picture[3:].expand(3, -1, -1)) < WHITE
-
-
-@pytest.mark.parametrize("quality", QUALITIES)
-@pytest.mark.parametrize("aperture", PUPILS, ids=lambda a: f"{a.blades}-{a.rotation:g}")
-def test_each_half_has_all_of_the_light(aperture, quality):
-    """Each is normalised to its own area; the mean, weighted by these, is the centre."""
-    image, radius = torch.zeros(1, *SIZE), torch.full(SIZE, 10.0)
-    image[:, 30:40, 40:60] = torch.rand(10, 20, generator=torch.Generator().manual_seed(0))
-    views = render(image, radius, aperture=aperture, quality=quality, left_right=True)
-    for picture in views.images:
-        assert float(picture.sum() / image.sum()) == pytest.approx(1.0, rel=1e-4)
-    one, other = (Aperture.fraction(aperture, part) for part in aperture.parts(2))
-    centre, left, right = views.images
-    assert worst(one * left + other * right, centre) < WHITE

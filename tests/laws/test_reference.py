@@ -13,8 +13,6 @@ from reference import (
     lens_points,
     one_plane,
     polygon,
-    right,
-    whole,
 )
 from scenes import RADII, SIZE, card_layers, highlight, plane, sharp_card, white
 from tolerances import ROUNDING
@@ -29,35 +27,12 @@ def test_white_splats_to_white_at_any_depth(kind):
     assert (forward_splat(image, radius, lens_points(8)) - 1).abs().max() < EXACT
 
 
-@pytest.mark.parametrize("r", [0.0, 0.3, -2.5, 11.0, 30.0])
-@pytest.mark.parametrize("pupil", [whole, left, right, polygon(6, 10.0)])
-def test_a_white_plane_is_white_up_to_the_frame(r, pupil):
-    image, _ = plane(r, size=(12, 15))
-    assert (one_plane(torch.ones_like(image), r, pupil) - 1).abs().max() < EXACT
-
-
 @pytest.mark.parametrize("r", [-5.0, 3.3, 8.0])
 def test_splatting_one_plane_is_one_convolution(r):
     image, radius = plane(r)
     splatted = forward_splat(image, radius, lens_points(32))
     border = math.ceil(abs(r)) + 1
     assert (inner(splatted - one_plane(image, r), border)).abs().max() < SAMPLING
-
-
-@pytest.mark.parametrize("pupil", [whole, left, polygon(5, 20.0)])
-@pytest.mark.parametrize("r", [-6.0, 4.5])
-def test_one_layer_is_one_convolution(r, pupil):
-    background = card_layers(0.0, r)[1:]
-    picture = layered(background, lens_points(32, pupil), SIZE)
-    expected = inner(one_plane(background[0].color, r, pupil), 14)
-    assert (picture - expected).abs().max() < SAMPLING
-
-
-def test_left_and_right_together_are_the_whole():
-    layers = card_layers(-5.0, 6.0)
-    full, one, other = (layered(layers, lens_points(12, p), SIZE) for p in (whole, left, right))
-    assert ((one + other) / 2 - full).abs().max() < EXACT
-    assert torch.allclose((kernel(7.0, left) + kernel(7.0, right)) / 2, kernel(7.0), atol=EXACT)
 
 
 @pytest.mark.parametrize("r", [-7.0, 7.0])
@@ -79,26 +54,6 @@ def test_the_second_moment_is_that_of_a_disc_and_a_pixel():
     psf = kernel(6.0)
     x = torch.arange(psf.shape[0]) - psf.shape[0] // 2
     assert float((psf.sum(0) * x * x).sum()) == pytest.approx(6.0**2 / 4 + 1 / 12, rel=4e-3)
-
-
-def test_a_card_in_focus_keeps_its_colour_and_its_edge():
-    layers = card_layers(0.0, 8.0)
-    picture, (sharp, radius) = layered(layers, lens_points(12), SIZE), sharp_card(8.0)
-    card = radius == 0.0
-    assert 0 < card.sum() < card.numel()
-    assert (picture - sharp)[:, card].abs().max() < EXACT
-
-
-def test_in_focus_is_identity():
-    image, radius = plane(0.0)
-    for picture in (
-        one_plane(image, 0.0),
-        forward_splat(image, radius, lens_points(4)),
-        layered(card_layers(0.0, 0.0)[1:], lens_points(4), SIZE),
-    ):
-        assert picture.shape == image.shape
-    assert (forward_splat(image, radius, lens_points(4)) - image).abs().max() < EXACT
-    assert (one_plane(image, 0.0) - image).abs().max() < EXACT
 
 
 def test_splatting_agrees_with_layers_where_nothing_is_hidden():

@@ -97,6 +97,16 @@ def test_repair_moves_with_the_picture(kind):
             assert torch.equal(part(moved, to), part(radii, (0, 0)))
 
 
+@pytest.mark.parametrize("kind", ["hard", "antialiased", "soft", "noisy", "levels"])
+def test_repair_of_a_mirrored_or_turned_picture_is_mirrored_or_turned(kind):
+    image, radius = damaged(kind, 0)
+    found, _ = repair_depth(radius, image)
+    for dims in ((-1,), (-2,)):
+        assert worst(repair_depth(radius.flip(dims), image.flip(dims))[0].flip(dims), found) < 1e-5
+    turned, _ = repair_depth(radius.T.contiguous(), image.mT.contiguous())
+    assert worst(turned.T, found) < 1e-5
+
+
 @pytest.mark.parametrize("kind", ["antialiased", "noisy", "hard"])
 def test_a_picture_that_is_moved_is_rendered_alike(kind):
     for to in MOVED[1:3]:

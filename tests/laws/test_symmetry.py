@@ -136,8 +136,3 @@ def test_what_is_far_away_does_not_matter(r):
     image[:, 30, -3], radius[30, -3] = 1.0, r
     # but the brightest pixel, which bounds what detail overshoots
     assert worst(render(image, radius).render[..., :110], before[..., :110]) < 1e-4
-
-
-def test_memory_layout_does_not_matter():
-    image, radius = noise((56, 40)).transpose(-1, -2), RADII["steps"]((56, 40)).T
-    assert worst(render(image, radius).render, render(image.clone(), radius.clone()).render) < EXACT

@@ -146,16 +146,6 @@ def test_a_slope_beside_an_edge_stays():
         assert torch.equal(found[:, columns], (hard_depth() + tilt)[:, columns])
 
 
-@pytest.mark.parametrize("dims", [(-1,), (-2,), (-1, -2)])
-def test_mirrored_pictures_are_mirrored(dims):
-    image, radius = bumpy(2, (90, 120))
-    found = with_hard_edges(radius, image)
-    assert bool((found != without_ramps(radius)).any())
-    assert worst(with_hard_edges(radius.flip(dims), image.flip(dims)).flip(dims), found) == 0
-    turned = with_hard_edges(radius.T.contiguous(), image.mT.contiguous())
-    assert worst(turned.T, found) == 0
-
-
 @pytest.mark.parametrize("fatter", [-6, -4, 4, 6])
 def test_an_edge_that_is_far_off_is_found(fatter):
     found = with_hard_edges(soft_depth(shift=fatter), two_colors())

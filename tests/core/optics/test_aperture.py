@@ -94,16 +94,6 @@ def test_a_negative_radius_turns_pupil_and_part_by_half_a_turn(aperture, part):
     torch.testing.assert_close(near, far.flip(0, 1), atol=1e-14, rtol=0)
 
 
-@pytest.mark.parametrize("size", [65, 66])
-def test_second_moment_of_a_disc_is_a_quarter_r_squared_plus_a_twelfth(size):
-    radius = torch.arange(2, 32, 0.05, dtype=torch.float64)
-    moment = (DISC.kernel(radius, size).sum(-2) * centres(size) ** 2).sum(-1)
-    # any disc on a grid has a ripple about the law, of the size of the rim's curvature
-    assert ((moment - radius**2 / 4 - 1 / 12).abs() < 0.085 / radius.sqrt()).all()
-    from_moment = 2 * (moment - 1 / 12).sqrt()
-    assert (from_moment / radius - 1).abs()[radius >= 4].max() < 0.005
-
-
 @pytest.mark.parametrize("radius", [2.5, 7.3, -7.3, 40.0])
 @pytest.mark.parametrize("size", [85, 86])
 def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, size):
@@ -112,15 +102,6 @@ def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, siz
         offset = float((k.sum(0) * centres(size)).sum())
         # the straight cut through pixels leaves the same kind of ripple as the rim
         assert offset == pytest.approx(side * 4 * radius / (3 * math.pi), rel=1e-3, abs=0.05)
-
-
-@pytest.mark.parametrize("aperture", [*FLAT, GAUSSIAN])
-@pytest.mark.parametrize("size", [17, 18])
-def test_left_and_right_average_by_their_areas_to_the_whole(aperture, size):
-    left, right, full = (aperture.kernel(double(6.2), size, p) for p in (LEFT, RIGHT, FULL))
-    share = aperture.fraction(LEFT)
-    assert share + aperture.fraction(RIGHT) == pytest.approx(1)
-    torch.testing.assert_close(share * left + (1 - share) * right, full, atol=1e-14, rtol=0)
 
 
 def test_rotation_puts_a_vertex_counter_clockwise_from_plus_x_as_seen():
@@ -201,13 +182,3 @@ def test_sixteen_parts_tile_the_pupil_by_their_weights(aperture):
         w * aperture.kernel(double(5.2), 13, p) for w, p in zip(weights, parts, strict=True)
     )
     torch.testing.assert_close(whole, aperture.kernel(double(5.2), 13), atol=2e-4, rtol=0)
-
-
-def test_gaussian_parts_weigh_their_share_of_the_profile():
-    parts = GAUSSIAN.parts(16)
-    weights = [GAUSSIAN.fraction(part) for part in parts]
-    assert sum(weights) == pytest.approx(1, abs=1e-12)
-    assert GAUSSIAN.fraction(Part(x1=0.0, y1=0.0)) == pytest.approx(0.25, abs=1e-12)
-    plain = [DISC.fraction(part) for part in DISC.parts(16)]
-    assert weights[0] < plain[0]  # the outermost part weighs less
-    assert weights[5] > plain[5]  # the innermost more

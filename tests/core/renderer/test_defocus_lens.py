@@ -96,18 +96,6 @@ def test_the_radius_is_affine_in_disparity_through_infinity():
     assert radius.diff(n=2).abs().max() < ROUNDING[torch.float64]
 
 
-def test_infinite_focus_is_the_limit_of_far_focus():
-    far, farther = camera(1e12), camera(math.inf)
-    torch.testing.assert_close(farther.signed_radius(DEPTHS), far.signed_radius(DEPTHS))
-    assert float(camera(-math.inf).signed_radius(math.inf)) == 0
-    assert float(farther.coc(5000.0)) == pytest.approx(50.0**2 / 1.4 / 5000)
-
-
-@pytest.mark.parametrize("foc_dist", [-750.0, 750.0, torch.tensor(750.0), math.inf])
-def test_focus_is_stored_as_minus_the_distance(foc_dist):
-    assert float(camera(foc_dist).foc_dist) == -abs(float(foc_dist))
-
-
 def test_a_focus_in_a_tensor_is_followed_through_gradient_steps():
     focus = parameter(2000.0)
     lens = camera(focus)
@@ -252,22 +240,6 @@ def test_dual_pixel_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
 def test_psf_map_without_a_depth_shows_the_object_depth():
     lens = camera()
     torch.testing.assert_close(lens.psf_map(), lens.psf_map(depth=-20000.0))
-
-
-@pytest.mark.parametrize(
-    ("image", "depth", "said"),
-    [
-        ((2, 3, 20, 30), (2, 1, 19, 30), r"depth must be .* got \[2, 1, 19, 30\]"),
-        ((2, 3, 20, 30), (1, 1, 20, 30), r"got \[1, 1, 20, 30\]; give one map for each of 2"),
-        ((2, 3, 20, 30), (20, 30), r"got \[20, 30\]; give one map for each of 2"),
-        ((3, 20, 30), (20, 30), r"image must be .* \[3, 20, 30\]; one image is image\[None\]"),
-        ((1, 3, 271, 30), (1, 271, 30), r"within sensor_res=\(480, 270\)"),
-    ],
-)
-def test_images_and_depth_maps_that_do_not_belong_together_are_refused(image, depth, said):
-    for method in (camera().render_rgbd, camera().render_rgbd_dp):
-        with pytest.raises(ValueError, match=said):
-            method(torch.zeros(image), torch.full(depth, 2500.0))
 
 
 def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside():

@@ -33,28 +33,6 @@ def test_a_soft_edge_is_seen_wherever_it_is(row):
     assert diagnosed(radius.T, None, threads=2).ramps
 
 
-@pytest.mark.parametrize("row", [3, 254, 255, 256, 590])
-def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row):
-    radius = torch.zeros(SIZE)
-    radius[row + 1 :] = 4.0
-    radius[row, 5] = 2.0
-    for width, ramps in ((12, True), (24, False)):
-        few = radius[:, :width]
-        assert diagnosed(few, None, threads=1).ramps == ramps
-        assert diagnosed(few.T, None, threads=2).ramps == ramps
-
-
-def test_brightness_is_that_of_the_brightest_channel():
-    image = noise(3, *SIZE)
-    survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32)
-    whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
-    for rank in (1, 5000, 14399, 14400):
-        low, high = survey.brightness.bounds(rank)
-        assert low <= float(whole[rank - 1]) <= high
-        assert survey.brightness.exactly(rank) == float(whole[rank - 1])
-    assert survey.darkest == float(image.half().min())
-
-
 @pytest.mark.parametrize(("dark", "double"), [(1.1e-3, False), (0.9e-3, True)])
 def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(dark, double):
     image = torch.zeros(3, *SIZE)
@@ -63,16 +41,3 @@ def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(d
     survey = surveyed(image, torch.zeros(SIZE), torch.float32)
     assert needs_double(survey, limit=1.0) == double
     assert not needs_double(survey, limit=dark)
-
-
-@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
-@pytest.mark.parametrize("row", [0, 300, 599])
-def test_what_is_not_finite_is_found(value, row):
-    image, radius = noise(3, *SIZE), torch.zeros(SIZE)
-    broken = image.clone()
-    broken[1, row, 3] = value
-    with pytest.raises(ValueError, match="image must be finite"):
-        surveyed(broken, radius, torch.float32)
-    radius[row, 3] = value
-    with pytest.raises(ValueError, match="signed_radius must be finite"):
-        surveyed(image, radius, torch.float32)

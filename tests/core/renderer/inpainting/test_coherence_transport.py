@@ -5,24 +5,13 @@ import math
 import pytest
 import torch
 from measures import worst
-from scenes import pattern
 
-from defocus_core.renderer.inpainting.coherence_transport import structure, transported
+from defocus_core.renderer.inpainting.coherence_transport import transported
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
-from defocus_core.renderer.inpainting.two_layer_pyramid import coarser, pixels_of
-from defocus_core.tensors.pyramid import axes
 
 H, W = 96, 112
-MIDDLE = axes((H, W))
 BAR = slice(50, 60)  # columns that a nearer bar hides
 FAR, NEAR = 4.0, -7.0
-
-
-def tensor_of(image, radius, middle=MIDDLE):
-    """The structure tensor [3, h, w] at a quarter of the resolution of a picture."""
-    picture = torch.cat([image, radius[None]])
-    quarter = coarser(structure(coarser(pixels_of([picture], radius, middle))))
-    return quarter.first.values[-3:].reshape(3, *quarter.size)
 
 
 def stripes(degrees, period=14.0):
@@ -38,11 +27,6 @@ def behind_a_bar(background):
     image, radius = background.clone(), torch.full((H, W), FAR, dtype=torch.float64)
     image[..., BAR], radius[:, BAR] = 0.9, NEAR
     return image, radius
-
-
-def test_edges_of_depth_have_no_direction():
-    image, radius = behind_a_bar(torch.full((2, H, W), 0.2, dtype=torch.float64))
-    assert worst(tensor_of(image, radius), 0.0) < 1e-30
 
 
 @pytest.mark.parametrize("degrees", [35.0, 60.0, 90.0, 120.0])
@@ -86,11 +70,3 @@ def test_one_end_counts_the_less_the_farther_it_is():
     assert found == sorted(found, reverse=True)
     assert found[0] > 0.85
     assert found[-1] == 0
-
-
-def test_mirrored_pictures_hide_mirrored_content():
-    image, radius = behind_a_bar(pattern((H, W)) + stripes(55.0).repeat(2, 1, 1)[:3])
-    found = hidden_layer(image, radius)
-    for dims in ((-1,), (-2,), (-2, -1)):
-        other = hidden_layer(image.flip(dims), radius.flip(dims))
-        assert worst(other.color.flip(dims), found.color) < 1e-10
