@@ -13,14 +13,17 @@ from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core import gone
 from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean
+from defocus_core.picture import plain_path
+from defocus_core.picture.preview import write_preview
 from defocus_core.picture.take import Arrays, Inputs, Take
+from defocus_core.picture.write import disparity_map, shown
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, READING_OPTIONS
 from defocus_core.request.lens import LensValues
@@ -35,6 +38,7 @@ from defocus_core.request.resolver import (
     outputs_of,
     reading_of,
 )
+from defocus_core.system.process import cores, settings_kept
 
 Progress = Callable[[int, int], None]
 _ARRAY = Path("picture")  # the name of a picture in memory
@@ -82,29 +86,20 @@ class Picture:
             InputError: Depth is of another aspect, or of no known unit.
             UsageProblem: An option is unknown or makes no sense.
         """
-        self.files, self.device = PictureFiles(_ARRAY.name, _ARRAY, _ARRAY), "auto"
-        self._reading = _layer(reading, READING_OPTIONS)
         behind = None if hidden is None else (_array(hidden[0]), _array(hidden[1]))
         coverage = None if matte is None else _array(matte)
-        self._arrays: Arrays | None = Arrays(_array(color), _array(depth), coverage, behind)
+        arrays = Arrays(_array(color), _array(depth), coverage, behind)
+        files = PictureFiles(_ARRAY.name, _ARRAY, _ARRAY)
+        self._decode(files, _layer(reading, READING_OPTIONS), arrays)
+
+    def _decode(self, files: PictureFiles, reading: Layer, arrays: Arrays | None = None) -> None:
+        """Decode the inputs, as relative depth if its numbers are not distances."""
+        self.files, self.device, self._reading, self._arrays = files, "auto", reading, arrays
         self._inputs: tuple[object, Inputs] | None = None
         self._shown: Inputs | None = None
-        self._decode()
-
-    @classmethod
-    def _of_files(cls, files: PictureFiles, reading: Layer) -> Picture:
-        picture = cls.__new__(cls)
-        picture.files, picture.device, picture._reading = files, "auto", reading
-        picture._arrays = picture._inputs = picture._shown = None
-        picture._decode()
-        return picture
-
-    def _decode(self) -> None:
-        """Decode the inputs, as relative depth if its numbers are not distances."""
-        reading = reading_of(self._reading)
-        if reading.needs_lens:
+        if (options := reading_of(reading)).needs_lens:
             return
-        job = Job(self.files, _UNKNOWN, reading, Outputs(Path()), Machine())
+        job = Job(files, _UNKNOWN, options, Outputs(Path()), Machine())
         try:
             self._shown = self._read(job)
         except DefocusError as error:
@@ -115,7 +110,6 @@ class Picture:
 
     def _read(self, job: Job) -> Inputs:
         """The decoded inputs of a job of this picture."""
-        from defocus_core.picture import plain_path
         from defocus_core.picture.in_memory import of_arrays
 
         key = job.reading, job.lens_focal
@@ -137,16 +131,13 @@ class Picture:
     def color(self) -> NDArray[np.float32]:
         """The colours, float32 [H, W, C], linear light, premultiplied by alpha."""
         color = self._decoded.color
-        rows, columns = color.overscan.shown(*color.shape[:2])
-        return color.pixels[rows, columns]
+        return cast(NDArray[np.float32], shown(color, color.pixels))
 
     @property
     def depth(self) -> NDArray[np.float32]:
         """The depth, float32 [H, W]: metres along the axis, inf is sky; or relative numbers."""
-        depth = self._decoded.depth
-        rows, columns = depth.overscan.shown(*depth.metres.shape)
-        shown: NDArray[np.float32] = depth.metres[rows, columns]
-        return shown
+        inputs = self._decoded
+        return cast(NDArray[np.float32], shown(inputs.color, inputs.depth.metres))
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -331,8 +322,6 @@ class Views:
     @property
     def disparity(self) -> Any:
         """The signed distance in px between left and right."""
-        from defocus_core.picture.write import disparity_map
-
         return self._map(disparity_map(self._take))
 
     @property
@@ -364,7 +353,6 @@ class Views:
             UsageProblem: An option is unknown, or its value invalid.
         """
         from defocus_core.io.replacing import identities, require_replaceable
-        from defocus_core.picture import plain_path
 
         job = self._take.job
         if kinds is None:
@@ -372,8 +360,9 @@ class Views:
         layer = _layer({"outputs": kinds, **options}, OUTPUT_OPTIONS)
         asked = Outputs(Path(out), overwrite=overwrite)
         outputs = outputs_of(layer, asked, one_file=True)
-        missing = [kind.name for kind in outputs.rows if not self._has(kind.rendered)]
-        if missing:
+        if missing := [
+            k.name for k in outputs.rows if not self._take.images.keys() >= {*k.rendered}
+        ]:
             problem, remedy = f"{missing[0]} was not rendered", "render with left_right=True"
             raise UsageProblem("missing-option", problem, remedy, field="outputs")
         take = replace(self._take, job=replace(job, outputs=outputs), images=self._arrays(outputs))
@@ -386,9 +375,6 @@ class Views:
         _warn(said, 3)
         return take.job.paths
 
-    def _has(self, views: tuple[str, ...]) -> bool:
-        return all(view in self._take.images for view in views)
-
     def _arrays(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
         """The arrays of each of some kinds."""
         images = self._take.images
@@ -400,28 +386,26 @@ class Views:
 
     def to(self, device: str) -> Views:
         """The same views as tensors on a device: cpu or cuda."""
-        from defocus_core.picture.plain_path import choose_device
-
-        return Views(self._take, choose_device(str(device)))
+        return Views(self._take, plain_path.choose_device(str(device)))
 
     def _image(self, kind: str) -> Any:
         planes = self._take.images.get(kind)
         if planes is None:
             return None
-        shown = [_shown(self._take, plane) for plane in planes]
-        if self.device is None:
-            return np.stack(shown, axis=-1)
-        import torch
-
-        return torch.from_numpy(np.stack(shown)).to(self.device)
+        return self._held(planes, axis=-1 if self.device is None else 0)
 
     def _map(self, plane: Any) -> Any:
-        shown = np.ascontiguousarray(_shown(self._take, plane))
+        return self._held([plane], axis=0)[0]
+
+    def _held(self, planes: Sequence[Any], axis: int) -> Any:
+        """Planes cut to the display window as an array or a tensor, float32."""
+        cut = [shown(self._take.inputs.color, plane) for plane in planes]
+        pixels = np.stack(cut, axis, dtype=np.float32)
         if self.device is None:
-            return shown
+            return pixels
         import torch
 
-        return torch.from_numpy(shown).to(self.device)
+        return torch.from_numpy(pixels).to(self.device)
 
     def __iter__(self) -> Iterator[NoReturn]:
         raise TypeError("views have names: views.render, views.left, views.right, views.coc")
@@ -474,7 +458,9 @@ def read(
     if len(found) != 1:
         problem, remedy = f"names {len(found)} pictures", "give one file, or use run_batch"
         raise UsageProblem("wrong-type", problem, remedy, path=Path(color))
-    return Picture._of_files(found[0], layer)
+    picture = Picture.__new__(Picture)
+    picture._decode(found[0], layer)
+    return picture
 
 
 def render(picture: Any = None, lens: Any = None, **options: Any) -> Any:
@@ -511,9 +497,6 @@ def _render(
     **machine: Any,
 ) -> Views:
     """The views of a picture."""
-    from defocus_core.picture import plain_path
-    from defocus_core.system.process import cores, settings_kept
-
     if not isinstance(lens, Lens):
         raise ValueError(f"lens must be a Lens, got {type(lens).__name__}; Lens('50mm', …) is one")
     kinds = ("render", *(("left", "right") if left_right else ()), "coc", "trust")
@@ -529,8 +512,6 @@ def _render(
 
 def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Machine) -> Take:
     """A picture with its lens and its radii."""
-    from defocus_core.picture import plain_path
-
     reading = reading_of(read_lens_file(lens._file, READING_OPTIONS), picture._reading)
     outputs = Outputs(Path(), kinds=kinds, exr_type="float")
     job = Job(picture.files, *lens._values(picture, reading), outputs, machine)
@@ -565,16 +546,8 @@ def _array(values: Any) -> NDArray[Any]:
     return np.array(values)
 
 
-def _shown(take: Take, plane: Any) -> Any:
-    """A plane of a picture cut to the display window, float32."""
-    rows, columns = take.inputs.color.overscan.shown(*plane.shape)
-    return np.asarray(plane[rows, columns], np.float32)
-
-
 def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes:
     """A small PNG of linear light [H, W, C]."""
-    from defocus_core.picture.preview import write_preview
-
     step = max(1, -(-max(pixels.shape[:2]) // _SHOWN))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "shown.png"

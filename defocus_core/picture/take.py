@@ -107,17 +107,6 @@ class Arrays(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plate:
-    """A decoded plate."""
-
-    picture: PictureFiles
-    reading: Reading  # note on its reading
-    color: Color
-    depth: Depth  # infinitely far if its file has none
-    warnings: tuple[str, ...] = ()  # assumptions on it, and on the element over it
-
-
-@dataclass(frozen=True)
 class Inputs:
     """The decoded inputs of a job, shared by jobs of one picture."""
 
@@ -125,7 +114,7 @@ class Inputs:
     color: Color
     depth: Depth
     hidden: tuple[Color, Depth] | None = None  # of the hidden layer, if it is needed
-    plate: Plate | None = None  # the plate behind it, if it is an element
+    plate: InputPair | None = None  # the plate behind it, if it is an element
     layers: Layers | None = None  # of a deep picture, or of an element and its plate
     matte: Any = None  # [H, W], the coverage of its subject, or None
     empty: Any = None  # empty pixels, bool [H, W]; None if there are none

@@ -7,6 +7,7 @@ depth.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +33,7 @@ from defocus_core.picture.pair import overscan_of, stretch_words
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import map_on, picture_on
-from defocus_core.picture.take import InputPair, Plate, Surfaces, Take
+from defocus_core.picture.take import InputPair, Surfaces, Take
 from defocus_core.system.text import counted, note
 
 
@@ -50,7 +51,8 @@ def read_plate(take: Take) -> Take:
             "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
         )
     wanted = _wanted(InputPair.from_job(take.job))
-    plate = _check(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
+    plate = _plate(replace(wanted, limit=inputs.color.overscan, whole=True))
+    warnings = *inputs.warnings, *plate.depth.warnings, *_doubts(inputs.color, plate.color)
     pictures = inputs.color, plate.color
     light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
     empty = inputs.depth.empty, plate.depth.empty
@@ -61,7 +63,7 @@ def read_plate(take: Take) -> Take:
         plate=plate,
         layers=Layers(light, alpha, depths, colors, pictures=pictures),
         empty=None if nowhere else np.logical_and(*empty),
-        warnings=(*inputs.warnings, *plate.warnings),
+        warnings=warnings,
     )
 
 
@@ -86,47 +88,45 @@ def _wanted(element: InputPair) -> InputPair:
     return replace(element, picture=element.picture.over, reading=reading)
 
 
-def _plate(wanted: InputPair) -> Plate:
+def _plate(wanted: InputPair) -> InputPair:
     """The decoded plate, infinitely far without depth."""
     picture = wanted.picture
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
-            return Plate(picture, wanted.reading, *read_pair(wanted))
+            return replace(wanted, planes=read_pair(wanted))
     except NoDepthChannel:
         if picture.depth != picture.color:
             raise
     return _far_away(wanted)
 
 
-def _check(element: Color, plate: Plate) -> Plate:
-    """The plate, with warnings about the element over it."""
-    path, alpha = plate.color.path, element.alpha
+def _doubts(element: Color, plate: Color) -> Iterator[str]:
+    """Warnings about an element over a plate; refuses what does not fit."""
+    path, alpha = plate.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
         raise InputError(
             "idle-option", problem, "give an element, or leave ‹over› out", path=element.path
         )
-    sizes = [f"{w}x{h} px" for h, w, _ in (element.shape, plate.color.shape)]
+    sizes = [f"{w}x{h} px" for h, w, _ in (element.shape, plate.shape)]
     if sizes[0] != sizes[1]:
         problem = f"is {sizes[1]} but the element is {sizes[0]}"
         raise InputError("wrong-size", problem, "give a plate of its size", path=path)
-    names = [(*c.channels[: len(c.light)], *c.passes) for c in (element, plate.color)]
+    names = [(*c.channels[: len(c.light)], *c.passes) for c in (element, plate)]
     if names[0] != names[1]:
         problem = f"has {', '.join(names[1])} but the element {', '.join(names[0])}"
         raise InputError("wrong-size", problem, "give a plate of the same channels", path=path)
-    refuse_other_primaries(path, plate.color.attributes, element.attributes, "the element")
+    refuse_other_primaries(path, plate.attributes, element.attributes, "the element")
     beyond = int(np.count_nonzero((alpha < 0) | (alpha > 1)))
     lit = np.logical_or.reduce([light != 0 for light in element.light])
     glowing = int(np.count_nonzero((alpha <= 0) & lit))
-    warnings = list(plate.warnings)
     if beyond:
-        warnings.append(f"alpha beyond 0…1 in {counted(beyond, 'pixel')} taken as 0 or 1")
+        yield f"alpha beyond 0…1 in {counted(beyond, 'pixel')} taken as 0 or 1"
     if glowing:
-        warnings.append(f"light without alpha in {counted(glowing, 'pixel')} left out of ‹over›")
-    return replace(plate, warnings=tuple(warnings))
+        yield f"light without alpha in {counted(glowing, 'pixel')} left out of ‹over›"
 
 
-def _far_away(wanted: InputPair) -> Plate:
+def _far_away(wanted: InputPair) -> InputPair:
     """A plate without depth, infinitely far."""
     picture, reading, overscan = wanted.picture, wanted.reading, wanted.limit
     assert overscan is not None
@@ -141,9 +141,10 @@ def _far_away(wanted: InputPair) -> Plate:
     color = read_color(picture.color, view=reading.view, overscan=overscan)
     require_finite(color)
     metres = np.full(color.shape[:2], np.inf, np.float32)
-    depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
-    return Plate(picture, reading, color, element_depth(depth, color), (warning,))
+    note = "no depth, infinitely far"
+    depth = Depth(metres, picture.color, "", note, overscan=overscan, warnings=(warning,))
+    return replace(wanted, planes=(color, element_depth(depth, color)))
 
 
 def read_hidden(take: Take) -> Take:

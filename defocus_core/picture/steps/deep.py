@@ -38,8 +38,7 @@ def read(take: Take) -> Take:
         raise InputError("contradiction", problem, "leave ‹hidden› out", path=picture.color)
     layers = _layers(replace(wanted, planes=(inputs.color, inputs.depth)))
     if plate is not None:
-        below = replace(wanted, picture=plate.picture, reading=plate.reading)
-        layers = layers.stacked_over(_layers(replace(below, planes=(plate.color, plate.depth))))
+        layers = layers.stacked_over(_layers(plate))
     if picture.holdout is not None:
         black = np.zeros(inputs.depth.metres.shape, np.float16)
         hiding = replace(wanted, picture=picture.holdout, planes=(inputs.color, inputs.depth))

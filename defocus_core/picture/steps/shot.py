@@ -13,7 +13,6 @@ from statistics import median
 from typing import TYPE_CHECKING, TypeVar
 
 from defocus_core.errors import DefocusError
-from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import read
@@ -21,7 +20,6 @@ from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.job import FrameLens, Job, Reading
-from defocus_core.request.lens import LensValues
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -82,7 +80,7 @@ def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> lis
 def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> float:
     """The focus in mm by the depth of a frame."""
     _, depth = read(InputPair(frame.picture, reading, lens_focal))
-    foc_dist = _focused(frame.lens, depth).foc_dist
+    foc_dist = with_focus(frame.lens, depth).foc_dist
     return float("inf") if foc_dist is None else foc_dist
 
 
@@ -96,7 +94,7 @@ def _repair_of(
     from defocus_core.depth.repair import repair_depth
 
     color, depth = read(InputPair(frame.picture, reading, lens_focal))
-    own = radii_of(with_blur_reach(_focused(frame.lens, depth), (depth,)), depth)
+    own = radii_of(with_blur_reach(with_focus(frame.lens, depth), (depth,)), depth)
     _, repair = repair_depth(
         map_on(own.px, "cpu"),
         picture_on(color.planes, "cpu"),
@@ -106,8 +104,3 @@ def _repair_of(
         edge_width=reading.edge_width,
     )
     return repair, own.scale
-
-
-def _focused(lens: LensValues, depth: Depth) -> LensValues:
-    """The lens of a frame with the focus by its depth."""
-    return with_focus(lens, depth)
