@@ -24,6 +24,7 @@ from defocus_core import (
     render,
     render_layers,
     sensitivities,
+    with_lights,
     with_noise,
 )
 from defocus_core.errors import (
@@ -241,6 +242,8 @@ ROWS = [
         lambda **options: with_noise(IMAGE, **options),
         *((name, {name: wrong}) for name, wrong in (("electrons", 0), ("read", -1), ("seed", -1))),
     ),
+    ("threshold must be", lambda: with_lights(IMAGE, 1.0, 2.0)),
+    ("gain must be", lambda: with_lights(IMAGE, 0.8, 0.5)),
     ("same size", lambda: fit(IMAGE, DEPTH[:-1], IMAGE)),
     ("shape of sharp", lambda: fit(IMAGE, DEPTH, IMAGE[:, :-1])),
     ("finite", lambda: fit(IMAGE, DEPTH * math.inf, IMAGE)),

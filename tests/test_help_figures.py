@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from command_line import read_exr, run, succeed, write_exr
+from command_line import read_exr, run, write_exr
 
 from defocus_core import Aperture, DualPixel, render
 from defocus_core.renderer.compiled import carried
@@ -70,28 +70,6 @@ def test_sampled_kernels_show_as_much_less_as_is_said():
     said = figure("look", "of five blades N %")
     assert 100 * lost(3.0, aperture=Aperture(5)) / at_3 == pytest.approx(said, abs=0.5)
     assert all(lost(r) * r == pytest.approx(0.09, abs=0.02) for r in (2.0, 4.0, 8.0, 16.0))
-
-
-@pytest.mark.parametrize(
-    ("at", "options", "words"),
-    [
-        (
-            (10, 10),
-            ("--fnumber", "2.5", "--cat-eye", "1.05:1.5"),
-            "it is N % of the horizontal one in the corners",
-        ),
-        ((144, 96), ("--fnumber", "1.2", "--blades", "3", "--blade-rotation", "45"), "by 45°, N %"),
-    ],
-    ids=["cat-eye", "blades"],
-)
-def test_the_vertical_disparity_is_that_of_the_help(at, options, words, tmp_path):
-    color = write_exr(tmp_path / "a.exr", **dict.fromkeys("RGB", lights(at, size=(192, 288))))
-    depth = write_exr(tmp_path / "z.exr", Z=np.full((192, 288), 8, np.float32))
-    lens = ("--focal-length", "50mm", "--focus", "2m", *options)
-    succeed("render", color, depth, "-o", tmp_path, *lens, "--outputs", "left,right")
-    left, right = (centroid(read_exr(tmp_path / side / "a.exr")["G"]) for side in ("left", "right"))
-    share = (right[1] - left[1]) / (right[0] - left[0])
-    assert 100 * abs(share) == pytest.approx(figure("look", words), abs=2)
 
 
 def test_the_line_of_compare_is_one_that_it_prints(here):

@@ -5,7 +5,6 @@ import os
 import tarfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
 from command_line import depth_exr, files_under, hidden_in, ramp, refused, run, succeed
@@ -164,20 +163,6 @@ def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path, out):
     assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
 
 
-def test_a_dry_run_goes_on_where_the_batch_would(tmp_path, out):
-    path = jobs_file(tmp_path)
-    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
-    ran = run("batch", path, "-o", out, "--dry-run")
-    assert ran.code == 1, "as the batch would end"
-    assert ran.err.endswith("defocus: 2 of 4 that were looked at would fail\n")
-    assert ran.err.count("a.exr: has negative depth everywhere") == 2
-    assert "4 files to write\nat most " in ran.out
-    dry = run("batch", path, "-o", out, "--dry-run", "--json")
-    told = dry.json
-    assert dry.code == 1
-    assert (told["unusable"], told["looked_at"]) == (2, 4)
-
-
 def test_shards_hold_what_the_index_lists_if_asked_for_again(tmp_path, out):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out, "--shards-size", "1GB")
@@ -223,12 +208,3 @@ def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(tmp_path, out, monkeyp
     assert len(records(out)) == 1000
     assert calls(lambda: main(["batch", str(path), "-o", str(out)])) < 1000 * 680
     assert run("batch", path, "-o", out).err.endswith("1000 jobs: 1000 done before\n")
-
-
-def test_errors_of_a_batch_name_the_keys_of_its_jobs_file(tmp_path, out):
-    jobs, metres = jobs_file(tmp_path), ramp()
-    metres[0, 0] = np.nan
-    depth_exr(tmp_path / "depth" / "a.exr", metres)
-    ran = run("batch", jobs, "-o", out)
-    assert "say [reading] invalid far" in ran.err
-    assert "--invalid" not in ran.err + run("status", out).out

@@ -3,7 +3,7 @@
 import json
 
 from command_line import files_under, refused, run, succeed
-from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
+from jobs_files import FIXED, INPUTS, LENS, pictures
 
 from defocus_core.batch.datasets.finished import samples
 
@@ -25,16 +25,6 @@ def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path):
     swept = tmp_path / "out" / "render" / "a_f4_focusinf.exr"
     assert swept.read_bytes() == (tmp_path / "one" / "render" / "a_rgb.exr").read_bytes()
     assert len(files_under(tmp_path / "out" / "render")) == 8
-
-
-def test_a_dry_run_of_a_shard_and_of_a_limit_counts_what_is_left(tmp_path):
-    pictures(tmp_path)
-    text = LENS + SAMPLE.replace("n = 4", "n = 10").replace('"render", ', "")
-    told = batch(tmp_path, text, "--dry-run", "--json", "--shard", "1/2").json
-    assert told["todo"] == told["looked_at"] == 10
-    batch(tmp_path, text, "--shard", "1/2")
-    told = batch(tmp_path, text, "--dry-run", "--json", "--limit", "6").json
-    assert (told["done_before"], told["todo"], told["beyond_limit"]) == (10, 6, 4)
 
 
 def test_names_that_two_jobs_share_are_refused(tmp_path):

@@ -1,11 +1,9 @@
 """A blur in pixels: the radius is linear in the numbers of the depth file, which need no metres."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
-from command_line import color_exr, pair, ramp, read_exr, refused, run, succeed, texture, write_exr
+from command_line import color_exr, ramp, read_exr, refused, run, succeed, texture, write_exr
 from image_files import save
 
 from defocus_core import radius_from_relative_disparity, run_batch, samples
@@ -83,15 +81,6 @@ def test_one_scale_holds_for_all_that_a_lens_sees(tmp_path):
     np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("limit", ["1e39px", "1e308px"])
-def test_a_clamp_beyond_floats_clamps_nothing(limit, tmp_path):
-    plain, clamped = (
-        radius(tmp_path, NUMBERS, *BLUR, *more) for more in ((), ("--clamp-blur", limit))
-    )
-    np.testing.assert_array_equal(plain, clamped)
-
-
 def test_no_radius_is_larger_than_the_clamp(tmp_path):
     free = radius(tmp_path, NUMBERS, *BLUR)
     color, z = tmp_path / "rgb.exr", tmp_path / "z.exr"
@@ -107,23 +96,6 @@ def test_no_radius_is_larger_than_the_clamp(tmp_path):
     options = (*BLUR, "--clamp-blur", "4px", "-o", tmp_path / "b")
     ran = run("render", color, z, *options)
     assert f"radius of {count} pixels clamped to 4 px" in ran.err
-
-
-def test_blur_is_swept_and_drawn_in_jobs_files(tmp_path):
-    color, z = pair(tmp_path)
-    depth(z)
-    tables: dict[str, Any] = {
-        "inputs": {"color": str(color), "depth": str(z)},
-        "reading": {"invert": True},
-        "lens": {"focus-value": 2},
-        "sweep": {"blur": ["3px", "5px"]},
-        "outputs": {"kinds": ["coc"]},
-    }
-    run_batch(tables, tmp_path / "out")
-    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
-    assert sorted(found) == ["a_blur3px", "a_blur5px"]
-    assert max(map(abs, found["a_blur5px"].coc_px)) == pytest.approx(5)
-    assert found["a_blur5px"].record["lens"]["blur"] == 5
 
 
 def test_what_blurs_nothing_or_all_is_refused(tmp_path):

@@ -104,17 +104,6 @@ def test_the_card_is_a_head_as_hugging_face_has_it(folder):
     assert (head["size_categories"], head["tags"][0]) == (["n<1K"], "depth-of-field")
 
 
-def test_other_shares_move_no_scene_of_the_journal(folder):
-    batch(folder)
-    before = {entry["sample_id"]: entry["split"] for entry in entries(folder)}
-    text = JOBS.replace("0.5\ntest = 0.5", "0.999\ntest = 0.001").replace("[2, 4]", "[2, 3]")
-    (folder / "jobs.toml").write_text(text)
-    ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
-    assert "kept where the journal has it" in ran.err
-    after = {entry["sample_id"]: entry["split"] for entry in entries(folder)}
-    assert all(after[f"{name}_f3"] == before[f"{name}_f2"] for name in "abcd")
-
-
 def test_a_readme_of_somebody_elses_stays(folder):
     batch(folder, "--limit", "1")
     readme = folder / "out" / "README.md"
@@ -123,15 +112,6 @@ def test_a_readme_of_somebody_elses_stays(folder):
     ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
     assert f"{readme}: is not of this batch, and stays" in ran.err
     assert "mit" in readme.read_text()
-
-
-def test_a_split_of_a_tampered_journal_names_no_file_elsewhere(folder):
-    batch(folder)
-    journal = folder / "out" / "journal.jsonl"
-    journal.write_text(journal.read_text().replace('"split":"t', '"split":"../t'))
-    ran = run("merge", folder / "out", "--shards-size", "1GB")
-    refused(ran, 3, "damaged", journal)
-    assert not list(folder.rglob("*set-*.tar"))
 
 
 def test_an_index_that_is_true_stays_and_any_other_is_written_again(tmp_path, out):

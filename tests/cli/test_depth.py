@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from command_line import (
@@ -99,15 +98,6 @@ def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path):
     assert words in render(color, path, "-o", tmp_path / "o").err
     assert words not in render(color, path, "-o", tmp_path / "p", "--depth-unit", "mm").err
     assert words in run("depth", path, "-o", tmp_path / "z.exr").err
-
-
-def test_the_array_of_hypersim_without_its_format_is_told(tmp_path):
-    color, depth = color_exr(tmp_path / "a.exr"), tmp_path / "a.depth_meters.hdf5"
-    with h5py.File(depth, "w") as file:
-        file["dataset"] = np.float32(ramp())
-    words, said = "say --depth-format hypersim, or metres", ("--fov", "60", "--depth-format")
-    assert words in photograph(color, depth, "-o", tmp_path / "o").err
-    assert words not in photograph(color, depth, "-o", tmp_path / "p", *said, "hypersim").err
 
 
 @pytest.mark.parametrize(
@@ -243,19 +233,6 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
     assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
         *((True, None, 0), (True, None, 5))
     ]
-
-
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        (("--focal-px", "1e-30", "--baseline", "1e-20m"), "out-of-range"),
-        (("--focal-px", "1e30", "--baseline", "1e20m"), "out-of-range"),
-    ],
-)
-def test_a_calibration_beyond_floats_is_told_and_no_hole(words, code, tmp_path):
-    path = depth_exr(tmp_path / "a.exr")
-    words = ("--depth-kind", "disparity", *words)
-    refused(run("depth", path, "-o", tmp_path / "z.exr", *words), 2, code, "baseline")
 
 
 @pytest.mark.parametrize(("sign", "scale"), [(1, "-1"), (-1, "2")])

@@ -54,19 +54,3 @@ def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path):
         attributes = header(tmp_path / name / "render" / "rgb.exr")
         assert attributes.get("defocus:depth_repair_asked") == asked
         assert ("defocus:depth_repair" in attributes) is (asked is not None)
-
-
-def test_jobs_and_lens_files_steer_it_too(tmp_path):
-    color, depth = two_surfaces(tmp_path, 30)
-    lens = 'focal-length = "100mm"\nfnumber = 2\nfocus = "2m"\nsensor-width = "4mm"\n'
-    (tmp_path / "lens.toml").write_text(lens + 'edge-width = "30px"\n')
-    start = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\n{lens}'
-    wanted, _ = rendered(tmp_path / "flag", color, depth, "--edge-width", "30")
-    given = ("--lens", tmp_path / "lens.toml", "-o", tmp_path / "lens", "--exr-type", "float")
-    succeed("render", color, depth, *given)
-    jobs = tmp_path / "reading.toml"
-    jobs.write_text(f'{start}[reading]\nedge-width = "30px"\n[outputs]\nexr-type = "float"\n')
-    succeed("batch", jobs, "-o", tmp_path / "reading", "--processes", "1")
-    for name in ("lens", "reading"):
-        found = read_exr(next((tmp_path / name / "render").glob("*.exr")))["G"]
-        assert np.array_equal(found, wanted), name

@@ -59,15 +59,6 @@ def test_hidden_shows_through_where_it_is_known_and_trust_is_a_map_of_shares(tmp
     assert more[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
 
 
-def test_a_dry_run_says_that_the_hidden_files_would_be_read(tmp_path):
-    hidden = behind(tmp_path)
-    args = (*scene(tmp_path), "-o", tmp_path / "out", "--hidden", *hidden, "--dry-run")
-    told = render(*args).out
-    assert all(str(path) in told for path in hidden)
-    (planned,) = render(*args, "--json").json["pictures"]
-    assert (planned["hidden_color"], planned["hidden_depth"]) == tuple(map(str, hidden))
-
-
 def test_hidden_directories_pair_by_stem(tmp_path):
     for stem in ("a", "b"):
         files, hidden = scene(tmp_path, stem), behind(tmp_path, stem)

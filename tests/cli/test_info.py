@@ -13,10 +13,8 @@ from command_line import (
     refused,
     render,
     run,
-    texture,
     write_exr,
 )
-from image_files import multi_part
 
 from defocus_core.compare.picture import read_picture
 
@@ -102,31 +100,6 @@ def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path):
     path = write_exr(tmp_path / "none.exr", coc=map_[:1, :2])
     assert run("info", "--json", path).json["files"][0]["maps"][0]["range_px"] is None
     assert "no finite pixel" in run("info", path).out
-
-
-def test_colour_beside_a_map_is_told_too(tmp_path):
-    red, green, blue = np.moveaxis(texture(), 2, 0)
-    path = write_exr(tmp_path / "c.exr", R=red, G=green, B=blue, coc=ramp())
-    told = run("info", path).out
-    assert "CoC map" in told
-    assert "colour: R, G, B" in told
-
-
-def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path):
-    path = write_exr(tmp_path / "z.exr", depth_Z=ramp(), other_depth=ramp() * 2)
-    (record,) = run("info", "--json", path).json["files"]
-    assert "--depth-channel" in record["depth_note"]
-    (record,) = run("info", "--json", path, "--depth-channel", "other.depth").json["files"]
-    assert record["depth"]["range_m"] == [2.0, 8.0]
-
-
-def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path):
-    color, _ = pair(tmp_path)
-    refused(run("info", color, "--part", "1"), 3, "no-such-part", color)
-    parts = multi_part(tmp_path / "p.exr", z={"Z": ramp()}, y={"Z": ramp()})
-    refused(run("info", parts, "--part", "2"), 3, "no-such-part", parts)
-    ran = run("info", color, parts, "--part", "1")
-    assert (ran.code, ran.err) == (0, ""), "the part of the other"
 
 
 def test_a_pixel_outside_one_file_is_said_and_the_others_are_told(tmp_path):

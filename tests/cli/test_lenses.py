@@ -43,17 +43,6 @@ def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path):
     assert attributes["defocus:blades"] == "9"
 
 
-def test_a_jobs_file_takes_one_by_its_name(tmp_path):
-    pair(tmp_path)
-    jobs = tmp_path / "jobs.toml"
-    jobs.write_text(
-        '[inputs]\ncolor = "rgb/*.exr"\ndepth = "depth/*.exr"\n'
-        '[lens]\nfile = "@mirror-500"\nfocus = "2m"\n'
-    )
-    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    assert header(tmp_path / "out/render/a.exr")["defocus:obstruction"] == "0.45"
-
-
 def test_a_contact_sheet_shows_another_look_of_each(tmp_path):
     sheet = tmp_path / "sheet.png"
     succeed("lenses", "-o", sheet)

@@ -65,13 +65,6 @@ def test_depth_without_units_is_no_depth_in_metres(tmp_path):
     succeed("render", file, *lens, "-o", tmp_path / "out.jpg")
 
 
-def test_a_photograph_without_depth_says_what_to_give(tmp_path):
-    file = save(tmp_path / "a.jpg", detail())
-    ran = run("render", file, *BLUR, "-o", tmp_path / "out.jpg")
-    refused(ran, 3, "no-depth", file)
-    assert "EXR" not in ran.err
-
-
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
     pillow_heif = pytest.importorskip("pillow_heif")

@@ -102,13 +102,6 @@ def test_a_limit_of_the_shell_is_known_and_told(tmp_path):
     assert 100 < float(ended(limit.format(10**9) + told).stdout) < 1000
 
 
-def test_a_fault_of_python_itself_is_told_as_ever():
-    raising = "import defocus_cli.__main__ as entry\nentry.main = lambda: 1 / 0\nentry.run()\n"
-    ran = ended(raising)
-    assert ran.returncode == 1
-    assert "ZeroDivisionError" in ran.stderr
-
-
 def pressing(module):
     """A program that presses Ctrl-C as soon as a module is imported."""
     return (

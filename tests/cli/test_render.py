@@ -19,7 +19,6 @@ from command_line import (
     refused,
     render,
     run,
-    succeed,
     texture,
     thin_lens_radius,
     write_exr,
@@ -173,16 +172,6 @@ def test_focus_at_a_pixel_is_focus_at_its_depth_and_at_the_sky_at_infinity(tmp_p
     inf = run("render", color, depth, "-o", tmp_path / "inf", *lens, "--focus", "inf")
     assert at.json["pictures"][0]["lens"]["focus_mm"] == "inf"
     assert at.json["pictures"][0]["coc_px"] == inf.json["pictures"][0]["coc_px"]
-
-
-def test_a_lens_file_is_as_good_as_flags(tmp_path):
-    lens = tmp_path / "lens.toml"
-    lens.write_text('focal-length = "50mm"\nfnumber = 2\nfocus = "200cm"\n')
-    files = pair(tmp_path)
-    succeed("render", *files, "-o", tmp_path / "file", "--lens", lens)
-    photograph(*files, "-o", tmp_path / "flags")
-    one, other = (tmp_path / name / "render" / "a.exr" for name in ("file", "flags"))
-    assert one.read_bytes() == other.read_bytes()
 
 
 def test_a_link_is_no_name_for_a_picture(color, depth, here):

@@ -10,32 +10,11 @@ from command_line import (
     header,
     pair,
     photograph,
-    ramp,
-    read_exr,
     render,
-    texture,
-    thin_lens_radius,
 )
-from image_files import multi_part
 
 from defocus_cli.commands.render import command
 from defocus_core.io.images.raster import read_samples
-
-
-def test_part_says_which_part_is_rendered_and_where_the_depth_is(tmp_path):
-    sun, lamp = (
-        dict(zip("RGB", texture(seed=n).transpose(2, 0, 1).copy(), strict=True)) for n in (0, 1)
-    )
-    color = multi_part(tmp_path / "p.exr", sun=sun, lamp=lamp)
-    depth = multi_part(tmp_path / "z.exr", a={"Z": ramp()}, b={"Z": ramp() * 2})
-    for part in (0, 1):
-        out, outputs = tmp_path / f"{part}", ("--outputs", "image,coc", "--exr-type", "float")
-        photograph(color, depth, "-o", out, "--part", f"{part}", *outputs)
-        np.testing.assert_array_equal(
-            read_exr(out / "image" / "p.exr")["R"], texture(seed=part)[..., 0]
-        )
-        radius = thin_lens_radius(ramp() * 1e3 * (part + 1))
-        np.testing.assert_allclose(read_exr(out / "coc" / "p.exr")["coc"], radius, atol=1e-5)
 
 
 def test_machine_options_are_recorded(tmp_path):

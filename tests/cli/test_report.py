@@ -17,7 +17,6 @@ from command_line import (
     header,
     pair,
     ramp,
-    read_exr,
     render,
     run,
     succeed,
@@ -127,23 +126,6 @@ def test_a_fault_of_depth_that_is_repaired_is_said(note, tmp_path):
         for kind in ("render", "coc"):  # maps show the depth as it is given
             told = header(tmp_path / name / kind / "a.exr")["defocus:depth_read_as"]
             assert (note in told) is (said and kind == "render")
-
-
-def test_depth_is_not_repaired_if_repair_is_off(tmp_path):
-    color = color_exr(tmp_path / "a.exr", texture(144, 96))
-    noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
-    depth = depth_exr(tmp_path / "z.exr", (1 / (0.4 + noise)).astype(np.float32))
-    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
-    note, pictures = "px of radius, smoothed within surfaces", []
-    for given in ("auto", "off"):
-        args = (color, depth, *lens, "-o", tmp_path / given, "--depth-repair", given, "-v")
-        planned, ran = run("render", *args, "--dry-run"), run("render", *args)
-        for told in (planned, ran):
-            assert (note in told.err + told.out) is (given == "auto")
-        pictures.append(read_exr(tmp_path / given / "render" / "a.exr")["G"])
-    assert not np.array_equal(*pictures)
-    ran = run("render", color, depth, *lens, "-o", tmp_path / "off", "--json")
-    assert not ran.json["pictures"][0]["done_before"], "another repair makes another picture"
 
 
 def test_what_a_file_cannot_hold_is_a_warning(tmp_path):

@@ -184,19 +184,6 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
     assert not run.exists()
 
 
-def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(folders, out, monkeypatch):
-    write = plain_path.write
-
-    def leaving(made):
-        done = write(made)
-        (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
-        return done
-
-    monkeypatch.setattr(plain_path, "write", leaving)
-    assert again(folders, out).code == 0
-    assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
-
-
 def test_what_failed_is_tried_again(folders, out, computed):
     good = (folders[1] / "b.exr").read_bytes()
     depth_exr(folders[1] / "b.exr", -ramp())

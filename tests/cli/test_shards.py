@@ -1,9 +1,8 @@
 """``defocus batch --shard`` and ``merge``: parts of a batch, done by themselves, are one run."""
 
 import pytest
-from batches import JOBS, contents, jobs_file, records, without_times
+from batches import contents, jobs_file, records, without_times
 from command_line import refused, run, succeed
-from refusals import refuses
 
 from defocus_core import run_batch
 
@@ -59,16 +58,6 @@ def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path, out):
     assert done == [set("ad"), set("be"), set("c")]
 
 
-def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path, out):
-    text = JOBS.replace('["1.5m", "2m"]', '["1m", "2m", "3m", "4m", "5m"]')
-    path = jobs_file(tmp_path, "a", text=text)
-    for number in (1, 2, 3):
-        run("batch", path, "-o", out, "--shard", f"{number}/3")
-    done = [len(records(out, f"journal-{number}of3.jsonl")) for number in (1, 2, 3)]
-    assert done == [2, 2, 1]
-    assert run("merge", out, "--json").json["jobs"] == 5
-
-
 def test_a_shard_that_is_missing_is_named(tmp_path, out):
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")
@@ -84,8 +73,3 @@ def test_a_shard_that_is_missing_is_named(tmp_path, out):
 def test_what_is_no_shard_is_refused(shard, tmp_path, out):
     ran = run("batch", jobs_file(tmp_path), "-o", out, f"--shard={shard}")
     refused(ran, 2, "malformed", "shard")
-
-
-def test_what_is_no_shard_is_refused_in_python(tmp_path, out):
-    with refuses("out-of-range", field="shard"):
-        run_batch(jobs_file(tmp_path), out, shard=(0, 2))

@@ -161,20 +161,6 @@ def test_shots_of_a_jobs_file(tmp_path):
         assert not (tmp_path / "none").exists()
 
 
-def test_metadata_serve_a_jobs_file(tmp_path):
-    planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
-    attributes = {"focus": 2.0, "aperture": 2.0, "pinholeFocalLength": 50.0}
-    OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(tmp_path / "a.exr"))
-    depth_exr(tmp_path / "z.exr")
-    jobs = tmp_path / "jobs.toml"
-    text = '[inputs]\ncolor = "a.exr"\ndepth = "z.exr"\n[lens]\nlens-from-metadata = true\n'
-    jobs.write_text(text)
-    refused(run("batch", jobs, "-o", tmp_path / "out"), 2, "missing-option", "sensor-width")
-    jobs.write_text(text + 'sensor-width = "36mm"\n')
-    ran = succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1", "-v")
-    assert "50mm f/2, focus 2m" in ran.err
-
-
 def test_a_contact_sheet_shows_some_frames(tmp_path):
     patterns = shot(tmp_path)
     ran = photograph(*patterns, "-o", tmp_path / "out", "--contact", "3")

@@ -53,14 +53,6 @@ def test_a_layer_is_computed_within_its_rectangle_and_nothing_invented_where_no_
     assert rendered(tmp_path, ramp(W, H))["tiles_with_hidden"] == 0
 
 
-@pytest.mark.usefixtures("torch_back")
-def test_large_radii_are_blurred_at_reduced_resolution(tmp_path):
-    wide = ("--fnumber", "0.5", "--focal-length", "100mm")
-    assert rendered(tmp_path, ramp(W, H))["slice_tiles_reduced"] == 0
-    stats = rendered(tmp_path, ramp(W, H), *wide)
-    assert 0 < stats["slice_tiles_reduced"] < stats["slice_tiles_blurred"]
-
-
 def test_maps_alone_skip_everything(tmp_path):
     stats = rendered(tmp_path, ramp(W, H), "--outputs", "coc,disparity")
     assert stats == {}

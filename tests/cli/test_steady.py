@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from batches import records
-from command_line import color_exr, depth_exr, photograph, refused, render, run, succeed
+from command_line import color_exr, depth_exr, photograph, refused, render, succeed
 from shots import HEIGHT, WIDTH, smooth, still
 
 FOCAL = ("--focal-length", "50mm", "--fnumber", "2")
@@ -72,29 +72,6 @@ def test_what_has_no_effect_is_refused(tmp_path):
     moving_focus(tmp_path)
     files = (tmp_path / "rgb.0000.exr", tmp_path / "z.0000.exr")
     refused(render(*files, "-o", tmp_path / "out", "--no-steady"), 2, "idle-option", "steady")
-
-
-def test_a_jobs_file_says_what_frames_have_in_common(tmp_path):
-    still(tmp_path, 4)
-    text = """
-        [inputs]
-        color = "rgb.####.exr"
-        depth = "z.####.exr"
-        [lens]
-        focal-length = "50mm"
-        fnumber = 2
-        [sweep]
-        focus = ["1m", "percentile(50)"]
-        [shot]
-        steady = true
-    """
-    (tmp_path / "jobs.toml").write_text(text)
-    succeed("batch", tmp_path / "jobs.toml", "-o", tmp_path / "out", "--processes", "1")
-    found = {r["lens"]["focus_mm"] for r in records(tmp_path / "out") if "p50" in r["sample_id"]}
-    assert len(found) == 1
-    for change, problem in (("steady = true", "steady = 3"), ("steady", "steadiness")):
-        (tmp_path / "jobs.toml").write_text(text.replace(change, problem))
-        assert run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "none").code == 2
 
 
 def test_other_frames_are_inputs_of_the_journal_and_of_no_list(tmp_path):

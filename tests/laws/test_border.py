@@ -157,10 +157,3 @@ def test_of_a_light_at_the_border_the_share_within_stays(r, quality):
     within = sum(float(disc[:, reach - column :].sum()) for column in (4, 5)) / 2
     picture = render(image, torch.full((64, 72), r), quality=quality).render
     assert float(picture.sum()) / 400 == pytest.approx(within, rel=3e-3)
-
-
-def test_trust_is_the_share_that_saw_the_frame():
-    trust = render(torch.ones(1, 60, 80), torch.full((60, 80), 12.0)).trust[0]
-    assert worst(trust[20:40, 20:60], 1.0) < WHITE
-    assert float(trust[30, 0]) == pytest.approx(0.5, abs=0.05)
-    assert float(trust[0, 0]) == pytest.approx(0.25, abs=0.05)

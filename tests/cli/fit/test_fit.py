@@ -79,20 +79,6 @@ def test_lens_files_are_replaced_if_that_is_asked_for(pair, tmp_path):
     refused(run("fit", *pair, "-o", tmp_path / "a.toml"), 3, "exists", "a.toml")
 
 
-def test_a_shift_and_gains_are_found(pair, tmp_path):
-    folder, sharp, seen = tmp_path, read_exr(pair[0]), read_exr(pair[2])
-    write_exr(folder / "s.exr", **{c: v[4:-4, 4:-4] for c, v in sharp.items()})
-    write_exr(folder / "b.exr", **{c: 2 * v[3:-5, 6:-2] for c, v in seen.items()})
-    write_exr(folder / "d.exr", Z=read_exr(pair[1])["Z"][4:-4, 4:-4])
-    files = [folder / f"{name}.exr" for name in "sdb"]
-    width = ("--sensor-width", "33mm")  # of the 88 px that are left of 96
-    (record,) = succeed("fit", *files, "--json", "--exposure", "--shift", *width).json["pairs"]
-    assert record["gains"] == pytest.approx([2, 2, 2], rel=0.05)
-    assert record["shift_px"] == pytest.approx([-2, 1], abs=0.05)
-    assert record["magnification"] == pytest.approx(1, abs=1e-3)
-    assert record["fnumber"] == pytest.approx(1.4, rel=0.03)
-
-
 @pytest.mark.parametrize(
     ("more", "exit_code", "code", "at"),
     [

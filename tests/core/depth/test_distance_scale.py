@@ -66,15 +66,6 @@ def test_a_floor_to_the_horizon_is_not_soft(farthest):
         assert found.soft_edges is None or found.antialiased is not None
 
 
-def test_the_scale_spans_the_radii():
-    radii, infinity = through_lens(torch.tensor([0.4, 3.2, 6.0], dtype=torch.float64))
-    scale = distance_scale(float(radii.min()), float(radii.max()), infinity)
-    distance = scale.distances(radii)
-    assert float(distance[0]) == pytest.approx(0.0)
-    assert float(distance[2]) == pytest.approx(float(radii[2] - radii[0]))
-    assert float(distance[1]) == pytest.approx(float(distance[2]) / 2)  # 3.2 m is half-way
-
-
 def test_no_scale_where_distance_is_unknown_or_infinite():
     assert distance_scale(-3.0, 4.0, None) is None
     assert distance_scale(-3.0, 4.0, 4.0) is None

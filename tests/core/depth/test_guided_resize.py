@@ -114,19 +114,6 @@ def test_any_size_becomes_that_of_the_picture(small):
     assert found.max() <= depth.max() + 1e-9
 
 
-def test_depth_keeps_its_precision():
-    image, depth = disc()
-    assert guided_depth(sampled(depth, 4).float(), image).dtype == torch.float32
-
-
-def test_a_mirrored_picture_has_mirrored_depth():
-    image, depth = disc()
-    small = avg_pool2d(depth[None, None], 2, 2)[0, 0]
-    found = whole(small, image)
-    for dim in (-1, -2):
-        torch.testing.assert_close(whole(small.flip(dim), image.flip(dim)).flip(dim), found)
-
-
 @pytest.mark.parametrize("scene", ["layered", "leaves", "lights", "spheres"])
 @pytest.mark.parametrize("step", [2, 4])
 def test_fewer_pixels_are_on_the_wrong_surface_than_by_nearest(scene, step):

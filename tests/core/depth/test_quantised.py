@@ -74,12 +74,6 @@ def test_an_edge_beside_small_steps_is_no_softer():
     assert found[radius != -9].amin() >= 0
 
 
-def test_depth_in_levels_has_a_gradient():
-    radius = in_levels(slope())[:12, 40:60].clone().requires_grad_()
-    assert bool((without_terraces(radius) != radius).any())
-    assert torch.autograd.gradcheck(without_terraces, radius)
-
-
 def test_no_thin_lines_show_what_lies_far_behind():
     """A black surface in levels, bent about the focus, before a wall that is white."""
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)

@@ -9,7 +9,6 @@ from defocus_core import render, repair_depth
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0
@@ -51,23 +50,9 @@ def test_render_takes_the_width():
     assert not torch.equal(*pictures)
 
 
-@pytest.mark.parametrize("width", [4, 6, 9, 14])
-def test_the_width_of_soft_edges_is_recorded(width):
-    image, radius = softened(width)
-    assert Renderer(Surface(image, radius)).repair.edge_width == pytest.approx(width, abs=0.5)
-    assert Renderer(Surface(image, radius), Settings(edge_width=17.0)).repair.edge_width == 17
-
-
 def test_the_width_is_that_of_most_edges():
     image, radius = scenery("cards", *SIZE, 24.0)
     around = pad(radius[None, None], (3, 3, 3, 3), mode="replicate")
     soft = avg_pool2d(around, 7, stride=1)[0, 0]
     assert Renderer(Surface(image, soft)).repair.edge_width == pytest.approx(7, abs=1.5)
     assert Renderer(Surface(image, radius)).repair == DepthRepair()
-
-
-def test_the_share_of_changed_pixels_is_recorded():
-    image, radius = softened(9)
-    found, record = repair_depth(radius, image)
-    assert record.fraction == float((found != radius).double().mean())
-    assert record.fraction == pytest.approx(8 / SIZE[1], rel=0.2)

@@ -9,7 +9,6 @@ from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.displacement import (
     FARTHEST,
     EdgeShifts,
-    edges_of,
     measured_shifts,
     with_shifted_edges,
 )
@@ -49,19 +48,6 @@ def hard_depth(near=NEAR, far=FAR):
     return soft_depth(1, 0, near, far)
 
 
-def bumpy(seed, size):
-    """Colours and soft depth of some blobs, which do not quite agree."""
-    generator = torch.Generator().manual_seed(seed)
-
-    def waves(cells):
-        coarse = torch.randn(1, 1, -(-size[0] // cells), -(-size[1] // cells), generator=generator)
-        return torch.nn.functional.interpolate(coarse, size, mode="bicubic")[0, 0].double()
-
-    blobs = waves(24)
-    picture = torch.stack([(blobs + 0.2 * waves(6) > 0).double(), *(waves(8) for _ in range(2))])
-    return picture.abs() + 0.01, 25 * torch.sigmoid(4 * (blobs + 0.1 * waves(12)))
-
-
 @pytest.mark.parametrize("width", [2, 3, 5, 8, 10])
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_soft_edge_becomes_a_step_in_its_middle(width, turned):
@@ -97,18 +83,6 @@ def test_without_colours_it_stays_in_the_middle_of_the_ramp(shift):
     assert bool(((found == NEAR) | (found == FAR)).all())
     near = (found[SIZE[0] // 2] == NEAR).sum()
     assert int(near) == pytest.approx(MIDDLE + shift, abs=1)
-
-
-@pytest.mark.parametrize("exposure", [1e-4, 1e4])
-def test_exposure_decides_nothing(exposure):
-    image, radius = bumpy(1, (120, 150))
-    assert torch.equal(with_hard_edges(radius, exposure * image), with_hard_edges(radius, image))
-
-
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
-def test_precision_decides_little(dtype):
-    radius, image = soft_depth(7, 4).to(dtype), (100 * two_colors()).to(dtype)
-    assert torch.equal(with_hard_edges(radius, image), hard_depth().to(dtype))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in RADII if kind != "random"])
@@ -179,12 +153,6 @@ def test_an_edge_is_as_soft_in_a_picture_of_any_size(times):
     assert repair_depth(radius, torch.zeros(3, height, width), decided=repair)[0].equal(found)
 
 
-def test_the_foot_of_a_ramp_is_no_edge():
-    radius = hard_depth()
-    radius[:, MIDDLE - 4] = 0.5
-    assert torch.equal(edges_of(radius, 0.4, None), edges_of(hard_depth(), 0.4, None))
-
-
 @pytest.mark.parametrize("wide", [2, 3])
 def test_a_rim_is_of_the_nearer_surface(wide):
     image, radius = two_colors(), soft_depth(shift=-wide)
@@ -216,12 +184,6 @@ def test_soft_edges_are_told_from_surfaces(range_px):
     assert not told(one)  # a row of it is no edge
 
 
-def test_a_frame_of_few_pixels_has_surfaces_that_are_as_steep():
-    y, x = (torch.arange(n, dtype=torch.float64) for n in (16, 24))
-    radius = 0.5 * x + 0.4 * y[:, None]
-    assert not told(radius)
-
-
 def test_a_steep_surface_among_hard_edges_is_none():
     """Like the side of a box."""
     radius = hard_depth()
@@ -229,22 +191,6 @@ def test_a_steep_surface_among_hard_edges_is_none():
     radius[:, 70:] -= 12
     assert bool((softness(steepness(radius)) > slope_of_soft_edges(0, 20, SIZE)).any())
     assert not told(radius)
-
-
-def test_each_radius_has_one_source():
-    """Radii are taken, not mixed: their gradients add up to one for each pixel."""
-    image, radius = bumpy(3, (60, 80))
-    given = radius.requires_grad_()
-    found = with_hard_edges(given, image)
-    weights = torch.rand_like(found)
-    (found * weights).sum().backward()
-    assert float(given.grad.sum()) == pytest.approx(float(weights.sum()))
-    assert bool((given.grad >= 0).all())
-
-
-def test_low_contrast_is_enough():
-    image = two_colors(0.3)
-    assert torch.equal(with_hard_edges(soft_depth(7, 5), image), hard_depth())
 
 
 @pytest.mark.parametrize("shift", [-6, -3, 0, 3, 6])

@@ -5,9 +5,8 @@ from functools import cache
 import pytest
 import torch
 
-from defocus_core import DefocusLens, DualPixel, fit, render
+from defocus_core import DualPixel, fit, render
 from defocus_core.fitting.pictures import registered
-from defocus_core.optics.thin_lens import fnum_of_strength
 
 # A fit renders by torch: pairs that it makes, too, differ in nothing else than they should.
 pytestmark = pytest.mark.usefixtures("torch_back")
@@ -129,14 +128,6 @@ def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
     assert found.focus == pytest.approx(FOCUS, abs=0.005)
 
 
-def test_a_pair_of_one_size_is_explained_as_well_with_a_registration():
-    image, disparity = scene()
-    found = fit(image, disparity, blurred(image, disparity), shift=True)
-    assert found.magnification == pytest.approx(1, abs=1e-4)
-    assert found.shift == pytest.approx((0, 0), abs=0.05)
-    assert found.psnr > plainly().psnr - 0.1
-
-
 def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
     place = torch.arange(80) + 0.5
     wave = torch.sin(0.7 * place)[None, None, None].expand(1, 1, 60, 80)
@@ -182,14 +173,6 @@ def test_depth_is_repaired_in_a_fit_as_it_is_asked_for():
     assert repaired.psnr > as_given.psnr
     with pytest.raises(ValueError, match="edge_width=4"):
         fit(image, soft, observed, depth_repair="off", edge_width=4.0)
-
-
-def test_the_f_number_of_a_strength_blurs_as_strongly():
-    fnum = fnum_of_strength(9000.0, 1 / 1700, 50.0, 0.02)
-    lens = DefocusLens(50.0, fnum, (20.0, 20.0), (1000, 1000), "cpu", torch.float64)
-    lens.refocus(1700.0)
-    radius = float(lens.signed_radius(torch.tensor([900.0], dtype=torch.float64)))
-    assert radius == pytest.approx(9000.0 * (1 / 1700 - 1 / 900))
 
 
 @pytest.mark.parametrize(("near", "far"), [(-9.0, 4.0), (-2.0, 11.0), (3.0, 9.0), (-12.0, -3.0)])

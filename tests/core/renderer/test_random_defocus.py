@@ -157,16 +157,6 @@ def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name):
     assert float(apart.min()) > 1e-3
 
 
-def test_blades_that_are_drawn_away_have_no_curvature():
-    blades = Distribution("choice", (0, 6))
-    _, lenses = RandomDefocus(blades=blades, curvature=0.5)(
-        image(1).expand(8, -1, -1, -1), depth(8), range(8)
-    )
-    assert {(0.0, 0.0), (6.0, 0.5)} == set(
-        zip(lenses.blades.tolist(), lenses.curvature.tolist(), strict=True)
-    )
-
-
 def test_lenses_have_each_option_and_another_is_refused():
     assert Lenses._fields == ("signed_radius", *OPTIONS)
     with pytest.raises(TypeError, match="no option fnumber; choose from foclen"):

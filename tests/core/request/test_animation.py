@@ -73,12 +73,6 @@ def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path):
     assert values(shot, 1) == {"focus": 2000, "focal-length": 35}
 
 
-def test_keys_stand_in_toml_too(tmp_path):
-    text = '[animate]\nfocus = {1001 = "1.2m", 1060 = "4m"}\n'
-    shot = animation(tmp_path, text, "pull.toml")
-    assert key(shot, 1060, "focus") == "4m"
-
-
 def test_a_frame_has_one_key_however_it_is_written(tmp_path):
     with refuses("duplicate"):
         animation(tmp_path, '[animate]\nfocus = {1 = "1m", 01 = "4m"}\n', "pull.toml")

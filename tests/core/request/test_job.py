@@ -3,8 +3,7 @@
 from jobs_files import touch
 from refusals import refuses
 
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
+from defocus_core.request.job import PictureFiles
 from defocus_core.request.pairing import find_pictures
 
 
@@ -35,13 +34,6 @@ def test_a_photograph_is_depth_of_what_has_no_other(tmp_path):
         find_pictures(both, both)
 
 
-def test_one_exr_is_colour_and_depth(tmp_path):
-    folder = touch(tmp_path, "b.exr", "a.exr", "c.png")
-    file = folder / "a.exr"
-    assert find_pictures(file, None) == [PictureFiles("a", file, file)]
-    assert [picture.stem for picture in find_pictures(folder, None)] == ["a", "b"]
-
-
 def test_a_file_does_not_pair_with_a_directory(tmp_path):
     folder = touch(tmp_path / "c", "1.png")
     for one, other in ((folder, folder / "1.png"), (folder / "1.png", folder)):
@@ -52,15 +44,3 @@ def test_a_file_does_not_pair_with_a_directory(tmp_path):
 def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path):
     with refuses("no-depth"):
         find_pictures(touch(tmp_path, "a.png") / "a.png", None)
-
-
-def test_outputs_have_one_file_for_each_kind(tmp_path):
-    outputs = Outputs(tmp_path, kinds=("render", "coc"), format="jpg", preview=True)
-    picture = PictureFiles("a.b", tmp_path / "a.b.png", tmp_path / "z.exr")
-    job = Job(picture, LensValues(50.0, 2.0, 2000.0), Reading(), outputs, Machine())
-    assert job.paths == {
-        "render": tmp_path / "render" / "a.b.jpg",
-        "coc": tmp_path / "coc" / "a.b.exr",
-    }
-    assert job.previews["coc"] == tmp_path / "coc" / "a.b.preview.png"
-    assert set(job.written) == {*job.paths.values(), *job.previews.values()}

@@ -67,30 +67,6 @@ def test_what_makes_no_sense_any_more_is_refused_where_it_is_used(name, wrong, s
         assert "; " in str(told.value), "what would do"
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("foclen", (24.0, 85.0)),
-        ("fnum", -3.0),
-        ("foc_dist", "2m"),
-        ("blades", ()),
-        ("sensor_width", None),
-        ("max_radius", -3.0),
-        ("left_right", "no"),
-        ("quality", "best"),
-        ("threads", 0),
-    ],
-)
-def test_random_lenses_are_not_drawn_from_what_makes_no_sense_any_more(name, wrong):
-    defocus = RandomDefocus(max_radius=4.0)
-    first = defocus(IMAGE[None], DEPTH, [1])[1].signed_radius.abs().max()
-    defocus.max_radius = float(first) / 2
-    assert defocus(IMAGE[None], DEPTH, [1])[1].signed_radius.abs().max() < 0.51 * first
-    setattr(defocus, name, wrong)
-    with pytest.raises(ValueError, match=f"{name} must"):
-        defocus(IMAGE[None], DEPTH, [1])
-
-
 def test_limits_on_depth_may_be_tensors_and_have_gradients():
     limited = lens()
     limited.d_close = torch.tensor([1500.0], requires_grad=True)

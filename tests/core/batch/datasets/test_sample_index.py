@@ -140,12 +140,3 @@ def test_the_records_of_an_index_are_not_held(tmp_path):
 def datasets():
     pytest.importorskip("PIL")
     return pytest.importorskip("datasets")
-
-
-def test_pandas_reads_the_index(tmp_path):
-    pandas = pytest.importorskip("pandas")
-    written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b"))
-    table = pandas.read_json(tmp_path / "metadata.jsonl", lines=True)
-    assert list(table.sample_id) == ["a", "b"]
-    assert list(table.coc_max_px) == [2.5, 2.5]
-    assert list(pandas.json_normalize(table.lens.tolist()).focus_dioptres) == [0.5, 0.5]

@@ -51,13 +51,6 @@ def test_what_decides_the_outputs_is(change):
     assert resume.recipe(replace(JOB, **change)) != resume.recipe(JOB)
 
 
-def test_another_renderer_is_another_recipe_and_another_release_is_not(monkeypatch):
-    before = resume.recipe(JOB)
-    monkeypatch.setattr(resume, "version", lambda: "99.0")
-    assert resume.recipe(JOB) == before
-    assert resume.recipe(JOB, renderer=99) != before
-
-
 def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch():
     code = (
         "import sys; from defocus_core.batch.journal.resume import versions;"

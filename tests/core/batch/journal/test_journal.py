@@ -80,27 +80,12 @@ def path(tmp_path):
     return tmp_path / "journal.jsonl"
 
 
-def test_a_journal_is_a_line_of_json_for_each_record(path):
-    records = [record("a"), record("ü\n", "failed"), record("c")]
-    write(path, *records[:2])
-    assert read(path) == records[:2]
-    write(path, records[2])
-    assert read(path) == records
-    assert len([json.loads(line) for line in path.read_text().splitlines()]) == 3
-
-
 def test_a_record_that_lacks_its_newline_alone_is_whole(path):
     write(path, record("a"))
     os.truncate(path, path.stat().st_size - 1)
     assert read(path) == [record("a")]
     write(path, record("b"))
     assert read(path) == [record("a"), record("b")]
-
-
-def test_no_journal_is_an_empty_one_and_nothing_to_tell_leaves_none(path):
-    assert read(path) == []
-    write(path)
-    assert not path.exists()
 
 
 TORN = [b"\n", b'{"sample_id": "b", "sta', bytes(4), b'\0\0"status": "ok"}\n', b'{"' + b"y" * 2**18]

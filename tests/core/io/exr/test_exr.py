@@ -9,7 +9,7 @@ import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import header
-from image_files import SCANLINE, box, random_planes, write_window
+from image_files import SCANLINE, box, random_planes
 from refusals import refuses
 
 from defocus_core.io.exr import reading
@@ -51,19 +51,6 @@ def test_metadata_goes_through_and_structure_does_not(tmp_path):
     assert (tmp_path / "b.exr").read_bytes() == (tmp_path / "a.exr").read_bytes()
     for name, value in said.items():
         np.testing.assert_array_equal(header(tmp_path / "b.exr")[name], value)
-
-
-@pytest.mark.parametrize(  # overscan, inside, overlap, outside
-    "data", [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)]
-)
-def test_the_display_window_is_what_comes_back(tmp_path, data):
-    x0, y0, x1, y1 = data
-    everywhere = np.zeros((100, 100), np.float32)  # scene whose (0, 0) is at (-20, -20)
-    written = np.random.default_rng(1).random((y1 - y0 + 1, x1 - x0 + 1), np.float32)
-    everywhere[y0 + 20 : y1 + 21, x0 + 20 : x1 + 21] = written
-    write_window(tmp_path / "a.exr", {"Z": written}, box(*data), box(0, 0, 9, 7))
-    (part,) = read_parts(tmp_path / "a.exr")
-    np.testing.assert_array_equal(part.channels["Z"], everywhere[20:28, 20:30])
 
 
 def test_a_claimed_size_is_checked_before_allocation(tmp_path):

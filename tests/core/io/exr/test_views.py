@@ -76,18 +76,6 @@ def test_without_a_name_the_default_view_is_taken_and_said_to_be(tmp_path):
     assert color.warnings == ("view right taken, the default of right, left; ‹view› names another",)
 
 
-def test_a_view_that_is_not_there_is_refused_with_those_that_are(tmp_path):
-    path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
-    with refuses("no-such-view", "right, left", "‹view›", path=path):
-        read_color(path, view="centre")
-
-
-def test_a_picture_without_views_has_none(tmp_path):
-    path = one_part(tmp_path / "a.exr", "R", "G", "B", "Z", "left.mask", "diffuse.R")
-    assert views_of(read_headers(path)) == ()
-    assert set(plain_names(path, None)) == {"R", "G", "B", "Z", "left.mask", "diffuse.R"}
-
-
 @pytest.mark.parametrize("damage", [b"\xff\xff\xff\x7f", b"\xfe\xff\xff\xff"])
 def test_a_damaged_list_of_views_is_an_error(damage, tmp_path):
     path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])

@@ -9,7 +9,6 @@ import pytest
 from image_files import multi_part, png_chunk, random_planes, raw_png, save, write_deep
 from refusals import refuses
 
-from defocus_core.errors import UsageProblem
 from defocus_core.io.exr.header import Raw
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import BRIGHTEST, Color, read_color, require_finite
@@ -172,14 +171,6 @@ def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path):
     path.write_bytes(data.replace(black_is_0, struct.pack("<HHII", 262, 3, 1, 0)))
     with refuses("unsupported", path=path):
         read_color(path)
-
-
-def test_a_layer_is_asked_only_of_exr(tmp_path):
-    path = save(tmp_path / "a.png", integers(8, 3))
-    with refuses("idle-option", kind=UsageProblem, field="color-layer"):
-        read_color(path, layer="x")
-    # One --part serves the colour and the depth file.
-    assert read_color(path, part=1).channels == ("R", "G", "B")
 
 
 @pytest.mark.parametrize(

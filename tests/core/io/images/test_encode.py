@@ -5,20 +5,18 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import header, succeed, write_exr
+from command_line import succeed, write_exr
 from elements import write
 from image_files import box
 from refusals import files_end_at, refuses
 
-from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.encode import FORMATS, display_encoded, write_image, write_map
 from defocus_core.io.images.primaries import primaries_attribute
-from defocus_core.picture.preview import diverging, largest, write_preview, write_signed_preview
+from defocus_core.picture.preview import diverging, largest
 
 SUFFIXES = (".exr", *FORMATS)
-ATTRIBUTES = {"defocus:focus": "2m"}
 
 
 def picture(channels=3, shape=(20, 30)):
@@ -108,30 +106,6 @@ def test_tifffile_reads_maps_and_pictures_without_further_codecs(tmp_path):
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), 65535)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_the_same_picture_makes_the_same_bytes_without_a_date(suffix, tmp_path):
-    for name in "ab":
-        path = tmp_path / f"{name}{suffix}"
-        write_image(path, picture(), "RGB", bits=16, attributes=ATTRIBUTES)
-        assert not oiio.ImageBuf(str(path)).spec().get_string_attribute("DateTime")
-    assert path.read_bytes() == (tmp_path / f"a{suffix}").read_bytes()
-
-
-def test_an_unknown_suffix_is_refused(tmp_path):
-    with refuses("wrong-type", ".exr, .png", kind=UsageProblem):
-        write_image(tmp_path / "a.gif", picture(), "RGB", attributes={})
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_an_unwritable_output_is_an_input_error(tmp_path, suffix):
-    (tmp_path / "file").touch()
-    (tmp_path / f"taken{suffix}").mkdir()
-    for path in (tmp_path / f"file/a{suffix}", tmp_path / f"taken{suffix}"):
-        with refuses("unwritable"):
-            write_image(path, picture(), "RGB", attributes={})
-    assert left_behind(tmp_path) == sorted(["file", f"taken{suffix}"])
-
-
 def test_the_diverging_map_is_symmetric_about_focus():
     radius = np.array([[-8, -4, 0, 4, 8]], np.float32)
     near, half_near, focus, half_far, far = diverging(radius, largest(radius))[0]
@@ -143,14 +117,6 @@ def test_the_diverging_map_is_symmetric_about_focus():
     # One scale for both sides: half as far from focus is half the colour.
     np.testing.assert_allclose(diverging(np.array([[-4, 8]], np.float32), 8.0)[0], [half_near, far])
     assert np.all(diverging(np.zeros((2, 2), np.float32), 0.0) == 1)
-
-
-def test_previews_are_8_bit_png(tmp_path):
-    write_preview(tmp_path / "a.png", picture(4) * 2)
-    write_signed_preview(tmp_path / "b.png", picture(1)[..., 0] - 0.5)
-    for name in ("a.png", "b.png"):
-        channels = describe(tmp_path / name).parts[0].channels
-        assert [(each.name, each.type) for each in channels] == [(c, "uint8") for c in "RGB"]
 
 
 @pytest.mark.filterwarnings("error")
@@ -176,25 +142,6 @@ def test_overshoot_of_a_picture_within_white_is_no_loss(tmp_path):
     green = np.array([[[0.0, 1.0, 0.0]]], np.float32)
     lost = write_image(tmp_path / "a.png", green, "RGB", attributes=p3, has_clipped=False)
     assert len(lost) == 2, "sRGB has no such green"
-
-
-def test_everything_else_in_an_exr_goes_through(tmp_path):
-    extras = {
-        "Z": picture()[..., 0] * 1e9,
-        "id": np.arange(600, dtype=np.uint32).reshape(20, 30),
-        "albedo.R": picture()[..., 1].astype(np.float16),
-        "R": np.zeros((20, 30), np.float16),  # must not replace the image's own
-    }
-    attributes = {**ATTRIBUTES, "owner": "someone"}
-    write_image(tmp_path / "a.exr", picture(), "RGB", attributes=attributes, extras=extras)
-    color = read_color(tmp_path / "a.exr")
-    assert attributes.items() <= header(tmp_path / "a.exr").items()
-    np.testing.assert_array_equal(color.pixels, picture().astype(np.float16))
-    assert {name: plane.dtype for name, plane in color.extras.items()} == {
-        name: plane.dtype for name, plane in extras.items() if name != "R"
-    }
-    for name, plane in color.extras.items():
-        np.testing.assert_array_equal(plane, extras[name])
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

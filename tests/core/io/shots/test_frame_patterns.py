@@ -63,14 +63,6 @@ def test_a_file_whose_name_looks_like_a_pattern_is_a_file(tmp_path):
     assert not is_pattern(tmp_path / "take.exr")
 
 
-def test_a_pattern_without_files_is_refused(tmp_path):
-    for name in ("shot.####.exr", "none/shot.####.exr", "sh[o]t.####.exr"):
-        with refuses("not-found", path=tmp_path / name):
-            frames_of(tmp_path / name)
-    with refuses("ambiguous"):
-        frames_of(tmp_path / "s##.####.exr")
-
-
 @pytest.mark.parametrize(
     ("text", "numbers"),
     [("1001-1004", (1001, 1002, 1003, 1004)), ("1-7x2, 3", (1, 3, 5, 7)), ("9,2", (2, 9))],

@@ -24,29 +24,6 @@ def test_a_renderer_is_the_rendering(kind):
         assert renderer.stats == whole.stats
 
 
-def soft_picture(height, width):
-    """Cards whose depth is soft at edges."""
-    image, radius = scenery("cards", height, width, 24.0)
-    around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
-    return image, torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
-
-
-def test_a_renderer_of_soft_depth_is_its_rendering():
-    image, radius = soft_picture(450, 100)
-    whole = render(image, radius)
-    renderer = Renderer(Surface(image, radius), Settings(threads=2))
-    assert renderer.repair.soft_edges
-    assert same(put_together(renderer), whole)
-    assert torch.equal(render(image, radius, threads=3).render, whole.render)
-
-
-def test_half_colour_is_rendered_as_the_same_colour_in_float():
-    image, radius = scenery("most", 200, 300, 5.0)
-    pictures = put_together(Renderer(Surface(image.half(), radius)))
-    assert pictures["render"].dtype == torch.float32
-    assert same(pictures, render(image.half().float(), radius))
-
-
 def test_a_known_layer_is_handed_out_in_regions_too():
     image, radius = scenery("cards", 200, 260, 8.0)
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
