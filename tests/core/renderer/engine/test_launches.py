@@ -64,7 +64,13 @@ def test_the_help_has_each_picture():
     assert [row.split("|")[1].strip() for row in ROWS] == NAMES
 
 
-@pytest.mark.parametrize(("name", "written"), [*zip(NAMES, ROWS, strict=True)], ids=NAMES)
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        pytest.param(*row, id=row[0], marks=[pytest.mark.bench] * ("1080" in row[0]))
+        for row in zip(NAMES, ROWS, strict=True)
+    ],
+)
 def test_counts_are_those_of_the_help(name, written):
     alone, pair = counted(name)
     found = row_of(name, (alone, pair))
