@@ -65,6 +65,7 @@ def bar(unit: str, total: int | None = None, of: Iterable[T] | None = None) -> t
     from tqdm import tqdm
 
     hidden = not _is_watched()
+    tqdm.monitor_interval = 0  # a thread, of which there may be no more, and Python warns
     return tqdm(of, total=total, unit=unit, file=sys.stderr, leave=False, disable=hidden)
 
 

@@ -127,7 +127,8 @@ def read_head(path: Path, count: int = 16) -> bytes:
             raise missing(path) from error
         remedy = "check its permissions, or copy it again"
         problem = f"cannot be opened: {reason(error)}"
-        raise InputError("unreadable", problem, remedy, path=path) from error
+        other = InputError("unreadable", problem, remedy, path=path)
+        raise _lacking(path, reason(error)) or other from error
     if not head:
         raise InputError("empty", "is empty (zero bytes)", AGAIN, path=path)
     if head.startswith(_LFS_POINTER):
@@ -318,10 +319,14 @@ def unwritable(path: Path, error: OSError) -> InputError:
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
     """The error for a file that cannot be decoded; not of it, where the system lacks something."""
-    if lacks := next((words for words in _LACKS if words.lower() in why.lower()), ""):
-        remedy = _LACKS[lacks]
-        return InputError("unreadable", f"cannot be read: {lacks}", remedy, path=path)
-    return InputError("damaged", f"{what} ({why})", AGAIN, path=path)
+    return _lacking(path, why) or InputError("damaged", f"{what} ({why})", AGAIN, path=path)
+
+
+def _lacking(path: Path, why: str) -> InputError | None:
+    """The error of a system that lacks something; None where it is the file that is at fault."""
+    lacks = next((words for words in _LACKS if words.lower() in why.lower()), "")
+    problem = f"cannot be read: {lacks}"
+    return InputError("unreadable", problem, _LACKS[lacks], path=path) if lacks else None
 
 
 def needs_extra(path: Path, kind: str, library: str, extra: str) -> InputError:
@@ -346,7 +351,12 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
     config.attribute("oiio:UnassociatedAlpha", 1)
     file = oiio.ImageInput.open(str(path), config)
     if not file:
-        raise refusal(first_line(path, oiio.geterror()))
+        why = first_line(path, oiio.geterror())
+        try:
+            path.open("rb").close()
+        except OSError as error:  # of PNG and JPEG it does not say why
+            why = reason(error)
+        raise refusal(why)
     try:
         yield file
     finally:

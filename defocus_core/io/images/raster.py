@@ -22,8 +22,8 @@ from defocus_core.io.exr.header import no_exr
 from defocus_core.io.images.color_space import CODES, ColorSpace, color_space
 from defocus_core.io.images.primaries import PROFILE
 from defocus_core.io.safe_files import (
-    AGAIN,
     check_size,
+    damaged,
     decode_window,
     decoding,
     is_heic,
@@ -164,8 +164,7 @@ def _open(path: Path, formats: str) -> Iterator[Any]:
 
     def refusal(why: str) -> InputError:
         if "format reader" not in why and head.startswith(_MAGIC):
-            problem = f"is truncated or damaged ({why})"
-            return InputError("unreadable", problem, AGAIN, path=path)
+            return damaged(path, why)
         why = "unknown format" if "format reader" in why else why
         problem = f"is not an image that can be read ({why})"
         return InputError("unreadable", problem, f"use {formats}", path=path)

@@ -1,12 +1,18 @@
 """Files of several images: a TIFF has pages, of which one is meant."""
 
+import os
+import resource
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
 from command_line import WIDTH, ramp, run, texture
+from image_files import save
 from refusals import refuses
 
+from defocus_core.errors import InputError
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import srgb_to_linear
 from defocus_core.io.images.describe import describe
@@ -60,3 +66,23 @@ def test_a_page_may_be_the_depth(tmp_path):
     path = tiff(tmp_path / "z.tif", np.zeros_like(millimetres), millimetres)
     told = run("info", path, "--part", "1", "--json").json["files"][0]
     assert told["depth"]["range_m"] == [1.0, 4.0]
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg", "tif"])
+def test_too_few_descriptors_are_no_fault_of_a_picture(kind, tmp_path):
+    paths = [save(tmp_path / f"{number}.{kind}", photograph(0)) for number in range(4)]
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (256, limit[1]))
+    taken: list[int] = []
+    try:
+        with suppress(OSError):
+            while True:
+                taken.append(os.open(os.devnull, os.O_RDONLY))
+        for path in paths:
+            with pytest.raises(InputError, match="ulimit -n"):
+                read_color(path)
+            os.close(taken.pop())
+    finally:
+        for number in taken:
+            os.close(number)
+        resource.setrlimit(resource.RLIMIT_NOFILE, limit)
