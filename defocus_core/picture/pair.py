@@ -74,6 +74,9 @@ def _decode(wanted: InputPair) -> InputPair:
         blur_channels=reading.blur_channels,
         original=shared,
     )
+    if shared and reading.row.is_right_half:
+        left = tuple(plane[:, : color.size[0] // 2] for plane in color.planes)
+        color = replace(color, planes=left)
     depth = read_depth(
         picture.depth,
         replace(reading, part=depth_part),

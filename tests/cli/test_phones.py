@@ -89,3 +89,12 @@ def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
             made = pixels(tmp_path / "b.png")
             assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
         assert "colour: R, G, B" in run("info", file, *BLUR).out
+
+
+def test_colour_and_depth_side_by_side_are_the_pair_of_both(tmp_path):
+    color, depth = detail(), np.repeat(near_left(SIZE)[..., None], 3, 2).astype(np.uint8)
+    pair = save(tmp_path / "a.png", color), png(tmp_path / "z.png", depth, np.uint8)
+    both = save(tmp_path / "both.png", np.hstack([color, depth]))
+    succeed("render", *pair, *BLUR, "-o", tmp_path / "apart.png")
+    succeed("render", both, both, *BLUR, "--depth-format", "rgbd", "-o", tmp_path / "beside.png")
+    assert np.array_equal(pixels(tmp_path / "beside.png"), pixels(tmp_path / "apart.png"))

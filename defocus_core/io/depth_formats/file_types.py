@@ -139,7 +139,8 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
     if page.deep:
         raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
     bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(page.type, page.type)
-    kind, shape = f"{bits} {path.suffix[1:].upper()}", (page.height, page.width)
+    first = page.width // 2 if row.is_right_half else 0
+    kind, shape = f"{bits} {path.suffix[1:].upper()}", (page.height, page.width - first)
     require_size(path, reading, shape, size)
     if row.weights or row.bits == "float32":
         channels = {3: "RGB", 4: "RGBA"}.get(len(page.channels), "") * (page.type == "uint8")
@@ -152,7 +153,7 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
         return DepthNumbers(path, values, file_type, kind)
     _refuse_unsuited(path, page, reading)
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
-    samples = raster.read_samples(path, page.page)
+    samples = raster.read_samples(path, page.page)[:, first:]
     values = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
     values = np.array(values, dtypes.get(page.type, np.float32))
     greatest = 2**page.bits - 1 if page.bits else None

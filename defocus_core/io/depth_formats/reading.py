@@ -95,7 +95,8 @@ class DepthReading:
     def as_relative(self) -> Self:
         """This reading of files whose numbers are relative disparity."""
         for name in _OF_METRES:
-            if getattr(self, name) is not None:
+            is_layout = name == "depth_format" and self.row.is_right_half
+            if getattr(self, name) is not None and not is_layout:
                 problem = "stands beside ‹blur›, which takes the numbers as relative disparity"
                 field = self.geometry if name == "geometry" else name.replace("_", "-")
                 remedy = "leave one of them out"

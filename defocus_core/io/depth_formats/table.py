@@ -73,6 +73,7 @@ class DepthFormat:
     words: str = ""  # what completed the row, and in the end its rule, for people
     mask: Mask | None = None
     alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
+    is_right_half: bool = False  # whether it is that of a picture whose left half is the colour
     note: str = ""  # what else a user should know
     aliases: tuple[str, ...] = ()
 
@@ -167,6 +168,17 @@ NETWORKS = (
         note="known by its header",
     ),
     DepthFormat("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
+    # docs.lookingglassfactory.com, "RGBD Photos": the depth in grey beside the colour
+    DepthFormat(
+        "side-by-side",
+        "Looking Glass RGBD, colour in the left half and depth in the right",
+        _PICTURES,
+        rule="",
+        needs=("depth-range",),
+        is_right_half=True,
+        note="name the file twice, as colour and as depth; or take it as relative with ‹blur›",
+        aliases=("rgbd",),
+    ),
 )
 
 

@@ -127,6 +127,12 @@ def _bop(folder):
     return Example(path, metres(hole=True) * 0.3)
 
 
+def _halves(folder):
+    numbers = np.round((DEPTH - 1) / 19 * 255)
+    path = png(folder / "a.png", np.hstack([numbers * 0 + 7, numbers]), np.uint8)
+    return Example(path, 1 + numbers / 255 * 19, {**RANGE, "depth_kind": "depth"})
+
+
 def _scenenet(folder):
     numbers = np.round(radial(5.0) * 1000)
     numbers[HOLE] = 0
@@ -311,6 +317,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "marigold": lambda f: Example(npy(f / "a.npy", (DEPTH - 1) / 19), metres(), RANGE, 1e-5),
     "apple-heic": _heic,
     "android-gdepth": _gdepth,
+    "side-by-side": _halves,
 }
 
 
