@@ -38,7 +38,6 @@ FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpe
 FORMATS[".webp"] = "webp"
 Attributes = Mapping[str, str | int | Tag | Embedded]
 _SOFTWARE = "defocus"
-_CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
 _HALF_LEVEL = 0.49  # of a dither: a value that is a level but for rounding stays
 _LOSSY = ("jpeg", "webp")
@@ -73,8 +72,8 @@ def write_image(
     black and white is a loss, and no overshoot of a blur; `smooth`: [H, W] bool, the pixels that
     are dithered where a sample has 8 bits, so that slopes have no bands; None for none.
     """
+    planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
     if path.suffix.lower() == ".exr":
-        planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
         named, more = dict(zip(channels, planes, strict=True)), extras or {}
         return write_exr_image(path, named, exr_type, "zip", attributes, more, Layout(), clamped=0)
     if path.suffix.lower() not in FORMATS:
@@ -88,10 +87,32 @@ def write_image(
     }
     if codec in _LOSSY:
         metadata["Compression"] = f"{codec}:{jpeg_quality}"
+    depth, embedded = {"png": bits, "tiff": 16}.get(codec, 8), metadata.get(PROFILE)
     to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
-    warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb, smooth)
-    has_clipped = has_clipped or to_srgb is not None
-    return [each for each in warnings if has_clipped or not each.endswith(_CLIPPED)]
+    gamma = embedded.gamma if isinstance(embedded, Embedded) else None
+    if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
+        metadata, gamma = {n: x for n, x in metadata.items() if n != PROFILE}, None
+    encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=codec != "jpeg")
+    encode = partial(encode, to_srgb=to_srgb, gamma=gamma)
+
+    encoded, above, below, unknown = [], 0, 0, 0
+    for rows in bands(planes[0].shape):
+        strip = np.stack([plane[rows] for plane in planes], axis=2)
+        dither = None if smooth is None or depth > 8 else _dither(rows, smooth[rows])
+        samples, *clipped = encode(strip, dither=dither)
+        unknown += int(np.isnan(strip).any(-1).sum())
+        above, below = above + clipped[0], below + clipped[1]
+        encoded.append(samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples)
+    write_samples(path, np.concatenate(encoded), codec, metadata)
+    warnings = []
+    if channels[-1] == "A" and codec == "jpeg":
+        warnings.append("alpha left out, colour shown over black")
+    if unknown:
+        warnings.append(f"{counted(unknown, 'pixel')} NaN, written as black")
+    if has_clipped or to_srgb is not None:
+        lost = (above, "brighter than white shown as white"), (below, "below black shown as black")
+        warnings += [f"{counted(count, 'pixel')} {words}" for count, words in lost if count]
+    return warnings
 
 
 def srgb_matrix(
@@ -105,48 +126,6 @@ def srgb_matrix(
     except ValueError as error:
         problem = f"cannot be made sRGB: the chromaticities of its input span no colours: {error}"
         raise InputError("damaged", problem, "write them anew, or use EXR", path=path) from error
-
-
-def _write_display(
-    path: Path,
-    pixels: Any,
-    channels: Sequence[str],
-    codec: str,
-    bits: int,
-    metadata: Mapping[str, str | Tag | Embedded],
-    to_srgb: NDArray[np.float32] | None,
-    smooth: Any,
-) -> list[str]:
-    """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
-    depth = {"png": bits, "tiff": 16}.get(codec, 8)
-    keep_alpha, embedded = codec != "jpeg", metadata.get(PROFILE)
-    gamma = embedded.gamma if isinstance(embedded, Embedded) else None
-    above = below = unknown = 0
-    if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
-        metadata, gamma = {n: x for n, x in metadata.items() if n != PROFILE}, None
-    encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
-    encode = partial(encode, to_srgb=to_srgb, gamma=gamma)
-
-    planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
-    encoded = []
-    for rows in bands(planes[0].shape):
-        strip = np.stack([plane[rows] for plane in planes], axis=2)
-        dither = None if smooth is None or depth > 8 else _dither(rows, smooth[rows])
-        samples, *clipped = encode(strip, dither=dither)
-        unknown += int(np.isnan(strip).any(-1).sum())
-        above, below = above + clipped[0], below + clipped[1]
-        encoded.append(samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples)
-    write_samples(path, np.concatenate(encoded), codec, metadata)
-    warnings = []
-    if channels[-1] == "A" and not keep_alpha:
-        warnings.append("alpha left out, colour shown over black")
-    if unknown:
-        warnings.append(f"{counted(unknown, 'pixel')} NaN, written as black")
-    if above:
-        warnings.append(f"{counted(above, 'pixel')} brighter than white {_CLIPPED[0]}")
-    if below:
-        warnings.append(f"{counted(below, 'pixel')} below black {_CLIPPED[1]}")
-    return warnings
 
 
 def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
