@@ -1,21 +1,18 @@
 """Removed options, values, keys of files, commands and Python names, and their replacements.
 
 To remove a name, add a row below the version that removes it; nothing else is needed, as every
-error of an unknown name looks here first. Its error then ends in the remedy ``it went with 0.2.0:
-INSTEAD``. ``instead`` is an imperative without a full stop, and names options in angle quotes, like
-‹clamp-blur›, but that of a Python name. The kinds of rows:
+error of an unknown name looks here first. It then ends in ``it went with 0.2.0: INSTEAD``, an
+imperative without a full stop, which names options in angle quotes. The kinds of rows:
 
-- ``option``: an option of the command line, without dashes; ``of`` is the command that lost it, if
-others keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
-- ``key``: a key of files alone, or one whose replacement differs from that of its option; ``of`` is
-its table, like ``[sample]``, if others keep it. - ``value``: a value of the option or key ``of``,
-and of the argument of that name in Python. - ``rule``: a metric of the rules of compare, or
-``found:`` and a finding. - ``command``: of ``defocus``. - ``python``: a name of `defocus_core`; or,
-``of`` a class, an option of `RandomDefocus`, an
-  attribute of `DefocusLens`, an argument of `golden.check`.
+- ``option``: of the command line, without dashes; ``of`` is the command that lost it, if others
+  keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
+- ``key``: of files alone, or whose replacement is not that of its option; ``of`` is its table.
+- ``value``: of the option or key ``of``, and of the argument of that name in Python.
+- ``rule``: a metric of the rules of compare, or ``found:`` and a finding.
+- ``command``: of ``defocus``.
+- ``python``: a name of `defocus_core`; or, ``of`` a class, an option, attribute or argument.
 
-A row stays for two versions: that of the removal and the next. ``tests/core/test_gone.py`` uses
-each removed name, and fails when a row is older.
+A row stays for two versions, which ``tests/core/test_gone.py`` holds it to.
 """
 
 from __future__ import annotations

@@ -36,10 +36,10 @@ def block_of(planes: Sequence[Any]) -> NDArray[Any]:
     return np.stack(planes)
 
 
-def bands(shape: Sequence[int], pixels: int = 0) -> list[slice]:
+def bands(shape: Sequence[int]) -> list[slice]:
     """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, (pixels or BAND) // max(1, width))
+    count = max(1, BAND // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 

@@ -147,9 +147,9 @@ def is_jpeg(head: bytes) -> bool:
     return head.startswith(b"\xff\xd8\xff")
 
 
-def missing(path: Path, what: str = "file", remedy: str = "check the name") -> InputError:
+def missing(path: Path, what: str = "file") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
-    problem = f"no such {what}"
+    problem, remedy = f"no such {what}", "check the name"
     if path.is_symlink():
         problem = "is a symbolic link that leads to nothing"
         remedy = "make the link anew, or name another path"
@@ -364,22 +364,21 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
         oiio.geterror()  # or the next file would be blamed
 
 
-def decode_window(
+def decoded_rows(
     path: Path,
     file: Any,
     part: int,
     rows: tuple[int, int],
-    columns: tuple[int, int],
     channels: tuple[int, int],
     kind: str,
 ) -> NDArray[Any]:
-    """Samples [h, w, C] of an `opened_image` as they are in the file; of scan lines, whole rows.
+    """Rows [h, W, C] of an `opened_image` as they are in the file.
 
-    `rows`, `columns`, `channels`: first, and the one behind the last; `kind`: type of number.
+    `rows`, `channels`: first, and the one behind the last; `kind`: type of number.
     """
     spec = file.spec()
     if spec.tile_width:
-        place = (*columns, *rows, spec.z, spec.z + 1)
+        place = (spec.x, spec.x + spec.width, *rows, spec.z, spec.z + 1)
         samples = file.read_tiles(part, 0, *place, *channels, kind)
     else:
         samples = file.read_scanlines(part, 0, *rows, spec.z, *channels, kind)
@@ -390,8 +389,7 @@ def decode_window(
             raise damaged(path, why)
         problem = f"is compressed by a codec that is not read here ({why.rpartition(': ')[2]})"
         raise InputError("unsupported", problem, "save it with ZIP or LZW", path=path)
-    shape = rows[1] - rows[0], columns[1] - columns[0], channels[1] - channels[0]
-    decoded: NDArray[Any] = samples.reshape(shape)
+    decoded: NDArray[Any] = samples.reshape(rows[1] - rows[0], spec.width, -1)
     return decoded
 
 

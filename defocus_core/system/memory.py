@@ -41,12 +41,8 @@ def without_collections() -> Iterator[None]:
             gc.enable()
 
 
-def held_mb(device: str = "cpu") -> float:
+def held_mb() -> float:
     """Memory that the process holds now; 0 where the system does not report it."""
-    if device == "cuda":
-        import torch
-
-        return torch.cuda.memory_allocated() / MB
     with suppress(OSError, ValueError, IndexError):
         return _entry(_STATUS, "VmRSS:")
     return 0.0

@@ -51,9 +51,9 @@ def back_words() -> str:
         return "by torch, as Numba is not installed"
 
 
-def counted(count: int, one: str, several: str = "") -> str:
+def counted(count: int, one: str) -> str:
     """A number of things: ``1 job``, ``2 jobs``."""
-    return f"{count} {one if count == 1 else several or f'{one}s'}"
+    return f"{count} {one}" if count == 1 else f"{count} {one}s"
 
 
 def times(shape: Iterable[int]) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import first_line
 from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-from defocus_core.io.safe_files import damaged, decode_window, decoding, opened_image, quiet
+from defocus_core.io.safe_files import damaged, decoded_rows, decoding, opened_image, quiet
 
 STRIP = 1 << 23  # bytes of pixels that are decoded at once
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
@@ -96,7 +96,7 @@ def _decode(
     for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
         names = {index: name for _, _, index, name in group}
         first, end = min(names), max(names) + 1
-        place = (window.y0, window.y1 + 1), (window.x0, window.x1 + 1)
-        pixels = decode_window(path, file, part, *place, (first, end), kind)
+        rows = window.y0, window.y1 + 1
+        pixels = decoded_rows(path, file, part, rows, (first, end), kind)
         piece |= {name: pixels[:, :, index - first] for index, name in names.items()}
     return piece

@@ -31,7 +31,7 @@ from defocus_core.io.images.primaries import (
     declared_primaries,
 )
 from defocus_core.io.images.raster import OWN, OWN_CHANNEL, PLAIN_CHANNELS, Tag, set_tag
-from defocus_core.io.safe_files import damaged, decode_window, opened_image, quiet, written_whole
+from defocus_core.io.safe_files import damaged, decoded_rows, opened_image, quiet, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
@@ -223,8 +223,8 @@ def _reader_error(name: Path) -> str:
     try:
         with quiet(), opened_image(name, partial(damaged, name)) as file:
             spec = file.spec()
-            every = (0, spec.height), (0, spec.width), (0, spec.nchannels)
-            decode_window(name, file, 0, *every, str(spec.format))
+            every = (0, spec.height), (0, spec.nchannels)
+            decoded_rows(name, file, 0, *every, str(spec.format))
     except InputError as error:
         return f"it cannot be read back, {error.problem}"
     return ""

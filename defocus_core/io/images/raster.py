@@ -24,7 +24,7 @@ from defocus_core.io.images.primaries import PROFILE
 from defocus_core.io.safe_files import (
     check_size,
     damaged,
-    decode_window,
+    decoded_rows,
     decoding,
     is_heic,
     needs_extra,
@@ -120,8 +120,8 @@ def read_samples(path: Path, page: int = 0) -> NDArray[Any]:
             problem = f"has samples of type {spec.format}"
             remedy = "save it with 8, 16 or float samples"
             raise InputError("unsupported", problem, remedy, path=path)
-        rows, columns = (spec.y, spec.y + spec.height), (spec.x, spec.x + spec.width)
-        samples = decode_window(path, file, page, rows, columns, (0, spec.nchannels), kind)
+        rows, channels = (spec.y, spec.y + spec.height), (0, spec.nchannels)
+        samples = decoded_rows(path, file, page, rows, channels, kind)
     turned: NDArray[Any] = upright(samples, spec.get_int_attribute("Orientation", 1))
     return turned
 
