@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
 FLOATS = ("EXR", "PFM", "NPY", "NPZ", "float TIFF")
@@ -78,12 +79,18 @@ class DepthFormat:
     aliases: tuple[str, ...] = ()
 
 
+def _row(names: str, title: str, files: tuple[str, ...], **fields: Any) -> DepthFormat:
+    """A format by its name and aliases."""
+    name, *aliases = names.split()
+    return DepthFormat(name, title, files, aliases=tuple(aliases), **fields)
+
+
 # What rows have in common: disparity in px of two cameras; 16 bits of which 0 is a hole, EXR in
 # units of a scene.
-_stereo = partial(DepthFormat, rule="inverse")
-_png16 = partial(DepthFormat, files=("16-bit PNG",), invalid=(0,))
-_exr = partial(DepthFormat, files=("EXR",), takes=("depth-unit",))
-_isaac = partial(DepthFormat, files=("NPY",), sky_numbers=(0.0,))
+_stereo = partial(_row, rule="inverse")
+_png16 = partial(_row, files=("16-bit PNG",), invalid=(0,))
+_exr = partial(_row, files=("EXR",), takes=("depth-unit",))
+_isaac = partial(_row, files=("NPY",), sky_numbers=(0.0,))
 
 STEREO_DATASETS = (
     _stereo(
@@ -98,13 +105,12 @@ STEREO_DATASETS = (
         note="pictures of half the size need ‹depth-scale› 2",
     ),
     _stereo(
-        "sceneflow",
+        "sceneflow flyingthings3d monkaa driving",
         "FlyingThings3D, Monkaa, Driving",
         ("PFM",),
         focal_px=1050.0,
         baseline=1.0,
         note="pictures of 15 mm need ‹focal-px› 450",
-        aliases=("flyingthings3d", "monkaa", "driving"),
     ),
     _stereo(
         "cityscapes",
@@ -127,16 +133,15 @@ NETWORKS = (
         mask=Mask(("mask.png", "{stem}_mask.png"), zeros=True),
         note="version 1 has no scale: give ‹depth-scale›",
     ),
-    DepthFormat("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
-    DepthFormat(
-        "depth-anything",
+    _row("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
+    _row(
+        "depth-anything midas",
         "Depth Anything relative, MiDaS: disparity without scale and shift",
         (*_PICTURES, *FLOATS),
         rule="inverse",
         needs=("depth-range",),
-        aliases=("midas",),
     ),
-    DepthFormat(
+    _row(
         "video-depth-anything",
         "Video Depth Anything",
         ("NPZ", "EXR"),
@@ -146,7 +151,7 @@ NETWORKS = (
         axes="NHW",
         note="the metric model writes depth, the others disparity; ‹part› N chooses the frame",
     ),
-    DepthFormat(
+    _row(
         "depth-anything-3",
         "Depth Anything 3",
         FLOATS,
@@ -156,10 +161,8 @@ NETWORKS = (
         takes=("depth-unit",),
         note="whether z or the length of the ray is open; units of the network",
     ),
-    DepthFormat(
-        "marigold", "Marigold, affine depth", ("NPY", "16-bit PNG"), needs=("depth-range",)
-    ),
-    DepthFormat("apple-heic", "iPhone portrait, HEIC", ("HEIC",), rule="per-metre", sidecar="heic"),
+    _row("marigold", "Marigold, affine depth", ("NPY", "16-bit PNG"), needs=("depth-range",)),
+    _row("apple-heic", "iPhone portrait, HEIC", ("HEIC",), rule="per-metre", sidecar="heic"),
     _exr(
         "alicevision",
         "AliceVision, Meshroom, depthMap.exr",
@@ -167,17 +170,16 @@ NETWORKS = (
         geometry="radial",
         note="known by its header",
     ),
-    DepthFormat("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
+    _row("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
     # docs.lookingglassfactory.com, "RGBD Photos": the depth in grey beside the colour
-    DepthFormat(
-        "side-by-side",
+    _row(
+        "side-by-side rgbd",
         "Looking Glass RGBD, colour in the left half and depth in the right",
         _PICTURES,
         rule="",
         needs=("depth-range",),
         is_right_half=True,
         note="name the file twice, as colour and as depth; or take it as relative with ‹blur›",
-        aliases=("rgbd",),
     ),
 )
 
@@ -186,24 +188,22 @@ _SCENE = "units of the scene, as metres unless ‹depth-unit› says otherwise"
 _ALPHA = f"{_SCENE}; where alpha is 0 is sky"
 
 RENDERERS = (
-    DepthFormat(
-        "metres",
+    _row(
+        "metres blendedmvs habitat depth-anything-v2-metric",
         "any file of depth, in the unit of ‹depth-unit›: BlendedMVS, Habitat's pinhole camera, "
         "Depth Anything V2 metric (*_raw_depth_meter.npy), …",
         ANY,
         takes=("depth-unit", "depth-range"),
-        aliases=("blendedmvs", "habitat", "depth-anything-v2-metric"),
     ),
-    DepthFormat(
-        "disparity",
+    _row(
+        "disparity inverse",
         "any file of disparity",
         ANY,
         rule="inverse",
         takes=("depth-range",),
         note="0 is infinitely far; a scale, a range, or focal length and baseline must be said",
-        aliases=("inverse",),
     ),
-    DepthFormat(
+    _row(
         "coc",
         "signed radius of the circle of confusion in px, as 'render ‹outputs› coc' writes it",
         FLOATS,
@@ -217,15 +217,15 @@ RENDERERS = (
         channels=("*.Depth.Z", "Depth.Z", "Z", "*.Depth.V", "Depth.V", "V"),
         note=f"{_SCENE}; the pass Mist is not depth",
     ),
-    DepthFormat(
+    _row(
         "blenderproc",
         "BlenderProc",
         ("HDF5",),
         channels=("depth", "distance"),
         radial_channels=("distance",),
     ),
-    DepthFormat("vision-blender", "VisionBlender", ("NPZ",), channels=("depth_map", "depth*", "*")),
-    DepthFormat("kubric", "Kubric", ("float TIFF", "NPZ", "EXR"), geometry="ask"),
+    _row("vision-blender", "VisionBlender", ("NPZ",), channels=("depth_map", "depth*", "*")),
+    _row("kubric", "Kubric", ("float TIFF", "NPZ", "EXR"), geometry="ask"),
     _exr(
         "mitsuba",
         "Mitsuba, AOV depth",
@@ -233,17 +233,16 @@ RENDERERS = (
         geometry="radial",
         note="some versions are off by the near clip",
     ),
-    DepthFormat(
-        "unreal-mrq",
+    _row(
+        "unreal-mrq unreal",
         "Unreal, Movie Render Queue",
         ("EXR",),
         scale=1 / 100,
         channels=(*UNREAL_DEPTH, "ImageDepth.R", "ImageDepth*", "*WorldDepth*", "R"),
         sky=1e6,
         sky_numbers=(65504,),
-        aliases=("unreal",),
     ),
-    DepthFormat(
+    _row(
         "unity-perception",
         "Unity Perception",
         ("EXR",),
@@ -251,7 +250,7 @@ RENDERERS = (
         geometry="ask",
         note="its Depth strategy is ‹planar›, its Range strategy ‹radial›",
     ),
-    DepthFormat(
+    _row(
         "carla",
         "CARLA, depth camera",
         ("8-bit RGB", "8-bit RGBA"),
@@ -263,22 +262,20 @@ RENDERERS = (
     # 2d array represents infinity"
     _isaac("isaac-plane", "Isaac Sim, distance_to_image_plane"),
     _isaac("isaac-camera", "Isaac Sim, distance_to_camera", geometry="radial"),
-    DepthFormat(
-        "mujoco-warp",
+    _row(
+        "mujoco-warp newton",
         "MuJoCo Warp, Newton",
         FLOATS,
         geometry="ask",
         note="radial in versions before March 2026, planar since",
-        aliases=("newton",),
     ),
     _exr("nuke-scanline", "Nuke, ScanlineRender, 1/z", rule="per-metre", channels=("depth.Z", "Z")),
     _exr(
-        "arnold",
+        "arnold redshift karma",
         "Arnold, Redshift, Karma",
         channels=("Z", "depth.Z", "*.Z"),
         alpha=True,
         note=_ALPHA,
-        aliases=("redshift", "karma"),
     ),
     _exr(
         "houdini",
@@ -288,7 +285,7 @@ RENDERERS = (
         alpha=True,
         note=_ALPHA,
     ),
-    DepthFormat(
+    _row(
         "vray-zdepth",
         "V-Ray, ZDepth",
         ("EXR", "16-bit PNG", "8-bit PNG", "float TIFF"),
@@ -296,9 +293,7 @@ RENDERERS = (
         needs=("depth-range",),
         note="‹depth-range› is the distance of black, then of white",
     ),
-    DepthFormat(
-        "colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), takes=("depth-unit",), note=_SCENE
-    ),
+    _row("colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), takes=("depth-unit",), note=_SCENE),
 )
 
 
@@ -306,7 +301,7 @@ _PNG16 = ("16-bit PNG",)
 _BEYOND_20000 = 20000.002  # the next float32
 
 DEPTH_DATASETS = (
-    DepthFormat(
+    _row(
         "hypersim",
         "Hypersim, depth_meters.hdf5",
         ("HDF5",),
@@ -316,7 +311,7 @@ DEPTH_DATASETS = (
         focal_width=1024,
         note="NaN is sky or a window; scenes with a tilted or shifted lens need ‹focal-px›",
     ),
-    DepthFormat(
+    _row(
         "tartanair",
         "TartanAir, depth_left.npy",
         ("NPY",),
@@ -324,7 +319,7 @@ DEPTH_DATASETS = (
         focal_px=320.0,
         focal_width=640,
     ),
-    DepthFormat(
+    _row(
         "tartanair2",
         "TartanAir V2, a float32 in R, G, B and A",
         ("8-bit RGBA",),
@@ -333,7 +328,7 @@ DEPTH_DATASETS = (
         focal_px=320.0,
         focal_width=640,
     ),
-    DepthFormat(
+    _row(
         "sintel",
         "MPI Sintel",
         ("DPT",),
@@ -347,41 +342,34 @@ DEPTH_DATASETS = (
         ),
     ),
     _png16(
-        "png-mm",
+        "png-mm scannet scannetpp nyu nyu-png hypersim-marigold arkitscenes arkit wildrgbd hoi4d "
+        "uasol dp5k",
         "millimetres: ScanNet, ScanNet++, NYU Depth V2 as PNG, Hypersim as Marigold prepares it, "
         "ARKitScenes, WildRGBD, HOI4D, UASOL, …",
         scale=1 / 1000,
         note="ARKitScenes: turn both pictures so that the sky is above",
-        aliases=(
-            *("scannet", "scannetpp", "nyu", "nyu-png", "hypersim-marigold", "arkitscenes"),
-            *("arkit", "wildrgbd", "hoi4d", "uasol", "dp5k"),
-        ),
     ),
     # github.com/thodan/bop_toolkit, docs/bop_datasets_format.md: × depth_scale is mm, 0 is a hole
     _png16(
-        "bop",
+        "bop ycbv tless",
         "BOP (LM-O, T-LESS, YCB-V, …), depth/*.png",
         scale=1 / 1000,
         sidecar="scene_camera.json",
-        aliases=("ycbv", "tless"),
     ),
     # microsoft.com, "RGB-D Dataset 7-Scenes": "in millimeters … invalid depth is set to 65535"
-    DepthFormat("7scenes", "7-Scenes, *.depth.png", _PNG16, scale=1 / 1000, invalid=(0, 65535)),
+    _row("7scenes", "7-Scenes, *.depth.png", _PNG16, scale=1 / 1000, invalid=(0, 65535)),
     # github.com/EPFL-VILAB/omnidata, omnidata_tools: dataset/README.md, "increments of 1/512m";
     # torch/dataloader/task_configs.py, whose mask_val of depth_zbuffer is the greatest number
-    DepthFormat(
-        "taskonomy",
+    _row(
+        "taskonomy omnidata",
         "Taskonomy, Omnidata, depth_zbuffer",
         _PNG16,
         scale=1 / 512,
         invalid=(0, 65535),
-        aliases=("omnidata",),
     ),
     _png16("kitti", "KITTI depth, sparse", scale=1 / 256),
-    DepthFormat(
-        "vkitti2", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500, aliases=("vkitti",)
-    ),
-    DepthFormat(
+    _row("vkitti2 vkitti", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500),
+    _row(
         "nyu-mat",
         "NYU Depth V2, nyu_depth_v2_labeled.mat",
         ("HDF5",),
@@ -391,7 +379,7 @@ DEPTH_DATASETS = (
         note="‹part› N chooses the frame; pixels without raw depth are invalid",
     ),
     _png16("matterport", "Matterport3D, undistorted_depth_images", scale=1 / 4000),
-    DepthFormat("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",), zeros=True)),
+    _row("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",), zeros=True)),
     _png16("pointodyssey", "PointOdyssey", scale=1000 / 65535, sky=65535),
     _png16("dynamicreplica", "Dynamic Replica, float16 in 16 bits", bits="float16"),
     _png16(
@@ -402,7 +390,7 @@ DEPTH_DATASETS = (
         note="‹depth-scale› is scale_adjustment of frame_annotations.jgz",
     ),
     _exr("mvs-synth", "MVS-Synth", note="units of the game"),
-    DepthFormat(
+    _row(
         "bedlam",
         "BEDLAM and BEDLAM2",
         ("EXR",),
@@ -410,8 +398,8 @@ DEPTH_DATASETS = (
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
-    DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
-    DepthFormat(
+    _row("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
+    _row(
         "megadepth",
         "MegaDepth",
         ("HDF5",),
@@ -419,9 +407,7 @@ DEPTH_DATASETS = (
         needs=("depth-scale",),
         note="without a metric scale: ‹depth-scale› says metres of 1",
     ),
-    _png16(
-        "tum", "TUM RGB-D, Bonn, SmartPortraits", scale=1 / 5000, aliases=("bonn", "smartportraits")
-    ),
+    _png16("tum bonn smartportraits", "TUM RGB-D, Bonn, SmartPortraits", scale=1 / 5000),
     _png16(
         "ibims1",
         "iBims-1",
