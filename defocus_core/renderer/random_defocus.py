@@ -26,6 +26,7 @@ from defocus_core.optics.distributions import (
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.optics.thin_lens import radii_of_each
+from defocus_core.renderer.compiled.alone import views_alone
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
@@ -440,7 +441,8 @@ class _Drawing(NamedTuple):
 def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> ViewTensors:
     """The views of a picture [C, H, W] of radii [H, W] px."""
     image, radius, settings = one
-    return Renderer(Surface(image, radius), settings).picture()
+    surface = Surface(image, radius)
+    return views_alone(surface, settings) or Renderer(surface, settings).picture()
 
 
 def _ranked_values(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:

@@ -17,6 +17,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import channel_groups
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.renderer.compiled.alone import views_alone
 from defocus_core.renderer.engine.renderer import Renderer, repaired
 from defocus_core.renderer.engine.scene import (
     Surface,
@@ -147,7 +148,10 @@ def _rendered(
         settings = replace(settings, depth_repair="off", edge_width=None)
     with own_modes(surface.image.device):
         scene = with_hidden(surface, hidden)
-    views = [Renderer(in_colors(scene, *c), settings).picture(progress) for c in colors]
+        scenes = [in_colors(scene, *each) for each in colors]
+        if progress is None and len(scenes) == 1 and (alone := views_alone(scenes[0], settings)):
+            return alone
+    views = [Renderer(each, settings).picture(progress) for each in scenes]
     return views[0] if len(views) == 1 else of_channels(views, colors)
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from defocus_core.renderer.compiled.composite import composite_row
 from defocus_core.renderer.compiled.jit import compiled, entry
 from defocus_core.renderer.compiled.reduced import CoarseLayers, read_reduced
-from defocus_core.renderer.compiled.spread import add_points, clear_row, take_row
-from defocus_core.renderer.compiled.surfaces import SlotSurface, spread_row
+from defocus_core.renderer.compiled.spread import take_rows
+from defocus_core.renderer.compiled.surfaces import SlotSurfaces, add_points, spread_row
 
 F32 = np.float32
 
@@ -31,10 +31,8 @@ class Bounds(NamedTuple):
 class BandInputs(NamedTuple):
     """What the bands of a picture are made of."""
 
-    own: SlotSurface
-    nearer: SlotSurface  # what else pixels hold; of no rows if nothing
+    surfaces: SlotSurfaces
     reduced: CoarseLayers
-    near: NDArray[np.bool_]  # [slots] those with pixels near focus
     steps: NDArray[np.int64]  # the order of slots, see `composite`
     sides: NDArray[np.int64]  # [slots] the side of focus, see `composite_row`
     needed: NDArray[np.uint8]  # [slots] the least slot that must be seen for it to show
@@ -44,58 +42,18 @@ class BandInputs(NamedTuple):
 
 
 @compiled
-def rows_of(own, nearer, near, shares, left, ring, reduced, y, rows, first, last, room):
-    """Row y of all slots: rows [views, slots, 4, W], of two views also the right half.
-
-    near: [slots] bool, those with pixels near focus; shares: of the disc there; left: the share of
-    the left half.
-    """
-    right = F32(1 - left)
-    for s in range(reduced.at.shape[0]):
-        whole = reduced.at[s] < 0
-        for view in range(ring.views):
-            row = rows[view, s]
-            if whole:
-                begin, end = take_row(ring, s, y, view, row)
-            else:
-                begin, end = read_reduced(reduced, s, view, y, row, room)
-            if whole and near[s]:
-                begin, end = add_points(
-                    own.light[y], own.radius[y], own.slot[y], shares, s, row, begin, end
-                )
-                if view == 1 and own.moved.shape[0] > 0:
-                    add_points(own.moved[y], own.radius[y], own.slot[y], shares, s, row, begin, end)
-                if nearer.radius.shape[0] > 0:
-                    begin, end = add_points(
-                        nearer.light[y],
-                        nearer.radius[y],
-                        nearer.slot[y],
-                        shares,
-                        s,
-                        row,
-                        begin,
-                        end,
-                    )
-            if view == 0:
-                first[s], last[s] = begin, end
-            elif last[s] >= 0:
-                _widen(row, begin, end, first[s], last[s])
-        if ring.views == 2 and last[s] >= 0:
+def _take_all(surfaces, reduced, shares, left, y, room, coarse):
+    """Row y of all slots to the sums of a room; left: the share of the left half."""
+    take_rows(room, y)
+    add_points(surfaces, y, shares, room)
+    sums, ends, right = room.sums, room.ends, F32(1 - left)
+    for s in range(ends.shape[1]):
+        if reduced.at[s] >= 0:
+            read_reduced(reduced, s, y, room, coarse)
+        if sums.shape[0] == 3:
             for i in range(4):
-                for x in range(first[s], last[s] + 1):
-                    rows[2, s, i, x] = (rows[0, s, i, x] - F32(left) * rows[1, s, i, x]) / right
-        if whole:
-            clear_row(ring, s, y)
-
-
-@compiled
-def _widen(row, first, last, begin, end):
-    """Zeros of a row [4, W] from `begin` to `end` but for what is from first to last."""
-    if last < 0:
-        row[:, begin : end + 1] = 0
-        return
-    row[:, begin:first] = 0
-    row[:, last + 1 : end + 1] = 0
+                for x in range(ends[0, s], ends[1, s] + 1):
+                    sums[2, s, i, x] = (sums[0, s, i, x] - F32(left) * sums[1, s, i, x]) / right
 
 
 @compiled
@@ -139,10 +97,8 @@ def finish_pair(left, right, of_left, of_right, centre, bounds, counted):
             if counted[x] == 0 and min(a, b) < F32(bounds.negative):
                 counted[x] = 1
                 found += 1
-            a, b = (
-                max(a - minimum, zero) * two * share,
-                max(b - minimum, zero) * two * (one - share),
-            )
+            a = max(a - minimum, zero) * two * share
+            b = max(b - minimum, zero) * two * (one - share)
             total = a + b
             part = a / total if total > 0 else F32(0.5)
             lit = two * (c - minimum)
@@ -162,35 +118,26 @@ def render_band(given, opening, room, band, out):
 
     Returns the number of pixels of left and right that were negative.
     """
-    own, nearer, reduced, near, steps, sides, needed, sight, lights, bounds = given
-    width, reach = own.radius.shape[1], room.reach
-    slots, count, colors = reduced.at.shape[0], out.shape[0], out.shape[1] - 1
-    rows = np.zeros((count, slots, 4, width), np.float32)
-    first, last = np.zeros(slots, np.int64), np.zeros(slots, np.int64)
+    surfaces, reduced, steps, sides, needed, sight, lights, bounds = given
+    width, colors = out.shape[3], out.shape[1] - 1
     front, space = np.empty((5, width), np.float32), np.empty((3, 6, width), np.float32)
     coarse, counted, negative = np.empty((4, width), np.float32), np.empty(width, np.uint8), 0
-    for y in range(band[0] - reach, band[1] + reach):
-        spread_row(own, y, band, opening, room)
-        if nearer.radius.shape[0] > 0:
-            spread_row(nearer, y, band, opening, room)
-        row = y - reach
+    for y in range(band[0] - room.reach, band[1] + room.reach):
+        spread_row(surfaces, y, band, opening, room)
+        row = y - room.reach
         if row < band[0]:
             continue
-        rows_of(
-            *(own, nearer, near, opening.share, bounds.left, room.ring, reduced),
-            *(row, rows, first, last, coarse),
-        )
+        _take_all(surfaces, reduced, opening.share, bounds.left, row, room, coarse)
         seen, lit = sight[min(row, sight.shape[0] - 1)], min(row, lights.shape[2] - 1)
-        for view in range(count):
-            of_view = rows[view]
-            composite_row(steps, of_view, first, last, sides, seen, needed, front, space)
+        for view in range(out.shape[0]):
+            composite_row(steps, room.sums[view], room.ends, sides, seen, needed, front, space)
             if view == 0:
                 finish_centre(front, lights[0, :, lit], bounds, out[0, :, row])
                 continue
             for i in range(colors):
                 for x in range(width):
                     out[view, i, row, x] = front[i, x] / max(front[3, x], F32(1e-6))
-        if count == 3:
+        if out.shape[0] == 3:
             left, right, centre = out[1, :colors, row], out[2, :colors, row], out[0, :colors, row]
             of_left, of_right = lights[1, :, lit], lights[2, :, lit]
             negative += finish_pair(left, right, of_left, of_right, centre, bounds, counted)

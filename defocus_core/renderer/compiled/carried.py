@@ -38,21 +38,22 @@ def carries(frame: SharedFrame, scene: InFocus) -> bool:
     slices, tiles of a given side, openings with a hole or uneven light, cat's eyes, layers, and
     blur much wider than the frame. A plane is left to torch, for which it is one convolution.
     """
-    settings = frame.settings
-    asked = settings.back == "auto" and settings.quality == "standard"
-    surface = scene.surface
-    single = surface.image.dtype != torch.float64 and surface.signed_radius.dtype != torch.float64
+    is_plane = plane_of(*frame.content.limits) is not None
+    whole = scene.layers is None and not is_plane and not frame.cut
+    return whole and carries_surface(scene.surface, frame.settings)
+
+
+def carries_surface(surface: Surface, settings: Settings) -> bool:
+    """The same of any surface, but for its radii."""
     return bool(
-        asked
-        and single
+        settings.back == "auto"
+        and settings.quality == "standard"
         and settings.num_layers is None
         and settings.tile is None
-        and plane_of(*frame.content.limits) is None
-        and _is_even(settings.aperture)
         and settings.cat_eye is None
-        and scene.layers is None
-        and not (frame.cut or frame.trace)
+        and not any(x.dtype == torch.float64 for x in surface.tensors[:2])
         and not _needs_torch(surface.tensors)
+        and _is_even(settings.aperture)
         and available()
     )
 

@@ -1,30 +1,35 @@
 """Where coarse pixels lie, of half the resolution, a quarter, and so on.
 
-As those of `tensors/pyramid.py`.
+As those of `tensors/pyramid.py`: symmetric about the middle of the frame.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-
-class CoarseAxis(NamedTuple):
-    """The coarse pixels of a level along an axis, symmetric about the middle of the frame."""
-
-    length: int
-    origin: float  # the place of the middle of pixel 0 of the frame among coarse pixels
-    before: int  # pixels missing before the first one of the next finer level
-    odd: bool  # whether every second pixel makes one, with half of its neighbours
+import numpy as np
+from numpy.typing import NDArray
 
 
-def coarse_axes(length: int, levels: int) -> list[CoarseAxis]:
-    """The levels of an axis, the frame itself first."""
-    odd, middle = length % 2 == 1, length // 2
-    origin, every = 0.0, [CoarseAxis(length, 0.0, 0, odd)]
+class Coarse(NamedTuple):
+    """The coarse pixels of all levels, the frame itself first, down and across."""
+
+    length: NDArray[np.int64]  # [levels, 2]
+    before: NDArray[np.int64]  # [levels, 2] pixels missing before the first one of the finer level
+    odd: NDArray[np.int64]  # [2] whether every second pixel makes one, with half of its neighbours
+    origin: NDArray[np.float64]  # [levels, 2] the place of pixel 0 of the frame among them
+
+
+def coarse_pixels(size: tuple[int, ...], levels: int) -> Coarse:
+    """The levels of a frame (height, width)."""
+    length, middle = np.array(size), np.array(size) // 2
+    odd, origin = length % 2, np.zeros(2)
+    every = [(length, 0 * length, origin)]
     for _ in range(levels):
         before = middle % 2
         after = (length + before + odd) % 2
-        origin = (origin + before) / 2 - (0 if odd else 0.25)
+        origin = (origin + before) / 2 - np.where(odd, 0, 0.25)
         length, middle = (length + before + after + odd) // 2, (middle + before) // 2
-        every.append(CoarseAxis(length, origin, before, odd))
-    return every
+        every.append((length, before, origin))
+    lengths, before, origins = (np.stack(each) for each in zip(*every, strict=True))
+    return Coarse(lengths, before, odd, origins)

@@ -135,11 +135,12 @@ def put_together(front, aside):
 
 
 @compiled
-def composite_row(steps, rows, first, last, sides, sight, needed, front, room):
+def composite_row(steps, rows, ends, sides, sight, needed, front, room):
     """Composite the rows [slots, 4, W] of a picture to `front` [5, W].
 
-    first, last: [slots] pixels of each row that are not 0; sides: [slots] of hidden octaves -1 to
-    1, of others 2; sight: [W] or none, see `add_behind`; needed: [slots]; room: [3, 6, W].
+    ends: [2, slots] first and last pixel of each row that is not 0, or -1; sides: [slots] of hidden
+    octaves -1 to 1, of others 2; sight: [W] or none, see `add_behind`; needed: [slots]; room:
+    [3, 6, W].
     """
     front[:] = 0
     covered, before, aside, whole = room[0, 0], room[0, 1], room[1], room[2]
@@ -147,7 +148,7 @@ def composite_row(steps, rows, first, last, sides, sight, needed, front, room):
         step, slot = steps[n, 0], steps[n, 1]
         if step in (SHOW, FILL):
             row, invented = rows[slot], F32(step == FILL)
-            add_behind(front, row, first[slot], last[slot], invented, sight, needed[slot])
+            add_behind(front, row, ends[0, slot], ends[1, slot], invented, sight, needed[slot])
         elif step == MARK:
             covered[:] = front[3]
         elif step == BEFORE:
@@ -157,14 +158,14 @@ def composite_row(steps, rows, first, last, sides, sight, needed, front, room):
         elif step == CLOSE:
             close_gaps(front, aside)
         elif step == FILL_ALL:
-            if _whole_hidden(rows, first, last, sides, sight, needed, whole, room[0]):
+            if _whole_hidden(rows, ends, sides, sight, needed, whole, room[0]):
                 _add_all_behind(front, whole, F32(1), sight)
         elif step == TOGETHER:
             put_together(front, aside)
 
 
 @compiled
-def _whole_hidden(rows, first, last, sides, sight, needed, whole, room):
+def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
     """The hidden octaves together: those of a side of focus add, the sides occlude each other."""
     found = False
     whole[:] = 0
@@ -172,12 +173,12 @@ def _whole_hidden(rows, first, last, sides, sight, needed, whole, room):
         some = False
         total = room[2:6]
         for slot in range(rows.shape[0]):
-            if sides[slot] != side or last[slot] < 0:
+            if sides[slot] != side or ends[1, slot] < 0:
                 continue
             if not some:
                 total[:] = 0
                 some = True
-            for x in range(first[slot], last[slot] + 1):
+            for x in range(ends[0, slot], ends[1, slot] + 1):
                 if sight.shape[0] == 0 or sight[x] >= needed[slot]:
                     for i in range(4):
                         total[i, x] += rows[slot, i, x]

@@ -8,14 +8,13 @@ along lines that lead there (`inpainting/coherence_transport.py`).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from defocus_core.renderer.compiled.coarse import CoarseAxis, coarse_axes
+from defocus_core.renderer.compiled.back import HiddenSamples, Samples
+from defocus_core.renderer.compiled.coarse import coarse_pixels
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compiled.pyramid import Level, half_level, most_levels, pyramid_of
+from defocus_core.renderer.compiled.pyramid import fill_levels, levels_for
 from defocus_core.renderer.inpainting.disocclusion import DECAY, EDGE, STEP, grain_of
 
 F32 = np.float32
@@ -31,19 +30,16 @@ _FARTHEST, _ALIKE, _FLAT, _UNCLEAR = 24, 2.013, 1e-3, 0.05
 _NORMAL = (1 + _UNCLEAR**2) ** 0.5 - _UNCLEAR
 
 
-class _EdgeCones(NamedTuple):
-    """The surfaces at edges of depth around coarse pixels."""
-
-    farthest: NDArray[np.int32]  # [h, w] the greatest cone, and the radius of its edge
-    closest: NDArray[np.int32]  # [h, w] minus the px to the closest edge, and its radius
-    grain: float  # px of one grain
-
-
 @entry
-def mark_edges(radius, grain, down, across, edges):
-    """The radii of the farther pixels at edges, as cones in coarse pixels [h, w]; says if any."""
-    height, width = radius.shape
-    found = False
+def cones_at_edges(radius, grain, coarse):
+    """The surfaces at edges of depth around coarse pixels, as cones; and whether there are any.
+
+    They are [h, w] the greatest cone with the radius of its edge, and minus the px to the closest
+    edge with its radius. grain: px of one grain.
+    """
+    (height, width), found, odd, before = radius.shape, False, coarse.odd, coarse.before
+    farthest = np.full((coarse.length[1, 0], coarse.length[1, 1]), np.int32(_NOWHERE), np.int32)
+    closest = farthest.copy()
     for y in range(height):
         for x in range(width):
             r, far = radius[y, x], False
@@ -56,65 +52,44 @@ def mark_edges(radius, grain, down, across, edges):
             found = True
             level = np.int32(np.rint(min(max(r, -_MAXIMUM), _MAXIMUM) / grain + _BETWEEN))
             cone = (level << _BITS) + (level + (1 << _LEVELS))
-            for a in range(2 if down.odd else 1):
-                for b in range(2 if across.odd else 1):
-                    i, j = (y + down.before + a) // 2, (x + across.before + b) // 2
-                    edges[i, j] = max(edges[i, j], np.int32(cone))
-    return found
-
-
-def _dilated(edges: NDArray[np.int32], decay: int, span: float) -> NDArray[np.int32]:
-    """Edges whose upper bits fall by the decay per px, by `span` at most; in place."""
-    reached, stride = 0, 1
-    while 2 * reached * decay < span:
-        fall = np.int32((2 * decay * stride) << _BITS)
-        for lines in (edges, edges.T):
-            n = len(lines) - stride
-            if n > 0:
-                fallen = lines - fall
-                np.maximum(lines[stride:], fallen[:n], out=lines[stride:])
-                np.maximum(lines[:n], fallen[stride:], out=lines[:n])
-        reached, stride = reached + stride, 2 * stride
-    return edges
+            for a in range(1 + odd[0]):
+                for b in range(1 + odd[1]):
+                    i, j = (y + before[1, 0] + a) // 2, (x + before[1, 1] + b) // 2
+                    farthest[i, j] = max(farthest[i, j], np.int32(cone))
+                    closest[i, j] = farthest[i, j] & _RADIUS
+    if found:
+        _dilate(farthest, np.int32((2 * math.floor(DECAY / grain)) << _BITS))
+        _dilate(closest, np.int32(2 << _BITS))
+    return farthest, closest, found
 
 
 @compiled
-def _least_of(radius, i, j, down, across):
+def _dilate(cones, fall):
+    """Let cones spread to all sides, where their upper bits fall from pixel to pixel."""
+    h, w = cones.shape
+    lowest = np.int32(_NOWHERE)
+    for k in range(2 * h):
+        i, before = (k, k - 1) if k < h else (2 * h - 1 - k, 2 * h - k)
+        if 0 <= before < h:
+            for j in range(w):
+                cones[i, j] = max(cones[i, j], max(cones[before, j] - fall, lowest))
+    for i in range(h):
+        for j in range(1, w):
+            cones[i, j] = max(cones[i, j], max(cones[i, j - 1] - fall, lowest))
+        for j in range(w - 2, -1, -1):
+            cones[i, j] = max(cones[i, j], max(cones[i, j + 1] - fall, lowest))
+
+
+@compiled
+def _least_of(radius, i, j, odd, before):
     """The least radius of the pixels of a coarse pixel."""
     height, width = radius.shape
+    top, left = 2 * i - before[1, 0], 2 * j - before[1, 1]
     least = F32(np.inf)
-    for a in range(-down.odd, 2):
-        y = 2 * i + a - down.before
-        for b in range(-across.odd, 2):
-            x = 2 * j + b - across.before
-            if 0 <= y < height and 0 <= x < width:
-                least = min(least, radius[y, x])
+    for y in range(max(top - odd[0], 0), min(top + 2, height)):
+        for x in range(max(left - odd[1], 0), min(left + 2, width)):
+            least = min(least, radius[y, x])
     return least
-
-
-class _Levels(NamedTuple):
-    """Levels of a pyramid, pixels one after another: see `pyramid.py`."""
-
-    values: NDArray[np.float32]  # [n, 2, K]
-    limits: NDArray[np.float32]  # [n, 2, 3]
-    size: NDArray[np.int64]  # [levels, 3] where each begins, its height and its width
-    place: NDArray[np.float64]  # [levels, 3] px of a coarse pixel, and where pixel 0 is
-
-
-def _levels_of(
-    pyramid: list[Level], first: int, down: list[CoarseAxis], across: list[CoarseAxis]
-) -> _Levels:
-    """Levels of which the first one has a number."""
-    sizes = [values.shape[:2] for values, _ in pyramid]
-    begins = np.cumsum([0, *(height * width for height, width in sizes)])
-    numbers = range(first, first + len(pyramid))
-    values, limits = (
-        np.concatenate([x.reshape(-1, *x.shape[2:]) for x in each])
-        for each in zip(*pyramid, strict=True)
-    )
-    places = [(begin, *size) for begin, size in zip(begins, sizes, strict=False)]
-    steps = [(1 << n, down[n].origin, across[n].origin) for n in numbers]
-    return _Levels(values, limits, np.array(places, np.int64), np.array(steps, np.float64))
 
 
 @compiled
@@ -237,21 +212,22 @@ def _surface_at(half, levels, y, x, border, ceiling, directions):
 
 
 @entry
-def continue_hidden(radius, half, levels, edges, down, across, light, coarse_radius):
-    """Continue farther surfaces behind nearer ones: light [h, 4 w], coarse_radius [h, w] px.
+def continue_hidden(picture, cones, grain, coarse, half, levels, light, coarse_radius):
+    """Continue farther surfaces behind nearer ones: light [1, h, 4 w], coarse_radius [1, h, w] px.
 
-    half: the level of half resolution; levels: those from a quarter on. Returns whether there is
-    any.
+    picture: as of `fill_levels`; cones: from `cones_at_edges`; half, levels: to be filled. Returns
+    the range of their radii; the least is the greater one if nothing is hidden.
     """
-    farthest, closest, grain = edges
-    h, w = farthest.shape
-    lost, any_hidden = math.floor(DECAY / grain), False
-    for i in range(h):
-        for j in range(w):
+    (given, radius, limit), (farthest, closest) = picture, cones
+    fill_levels(given, radius, limit, coarse, half, levels)
+    lost, least, most = math.floor(DECAY / grain), F32(np.inf), F32(-np.inf)
+    odd, before, origin = coarse.odd, coarse.before, coarse.origin
+    for i in range(farthest.shape[0]):
+        for j in range(farthest.shape[1]):
             far = (farthest[i, j] & _RADIUS) - (1 << _LEVELS)
             shown = min((farthest[i, j] >> _BITS) + lost, far) * grain
-            near = _least_of(radius, i, j, down, across)
-            coarse_radius[i, j] = near
+            near = _least_of(radius, i, j, odd, before)
+            coarse_radius[0, i, j] = near
             next_to = ((closest[i, j] & _RADIUS) - (1 << _LEVELS)) * grain
             reached = next_to + DECAY * (closest[i, j] >> _BITS)
             source, front, ceiling = far * grain, np.float64(near), np.inf
@@ -264,7 +240,7 @@ def continue_hidden(radius, half, levels, edges, down, across, light, coarse_rad
             if not shown > near + STEP:
                 continue
             border = front + (source - front) * _BORDER
-            y, x = (i - down.origin) * 2, (j - across.origin) * 2
+            y, x = (i - origin[1, 0]) * 2, (j - origin[1, 1]) * 2
             lines = source - shown <= _LINES
             directions = _DIRECTIONS if lines else 0
             surface, tensor, weight = _surface_at(half, levels, y, x, border, ceiling, directions)
@@ -273,46 +249,33 @@ def continue_hidden(radius, half, levels, edges, down, across, light, coarse_rad
             colors = surface[:3]
             if lines:
                 colors = _transport(half, i, j, border, surface, tensor)
-            any_hidden = True
             for c in range(3):
-                light[i, 4 * j + c] = colors[c]
-            light[i, 4 * j + 3] = 1
-            coarse_radius[i, j] = surface[3]
-    return any_hidden
+                light[0, i, 4 * j + c] = colors[c]
+            light[0, i, 4 * j + 3] = 1
+            r = F32(surface[3])
+            coarse_radius[0, i, j], least, most = r, min(least, r), max(most, r)
+    return least, most
 
 
-def hidden_of(
-    light: NDArray[np.float32],
-    radius: NDArray[np.float32],
-    nearer: NDArray[np.float32] | None,
-    limit: float,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-    """What is hidden, by coarse pixels: light [h, 4 w] and radius [h, w] px; None if nothing is.
+def hidden_of(samples: Samples, limit: float) -> HiddenSamples | None:
+    """What is hidden behind the surfaces of a picture; None if nothing is.
 
-    light: [H, 4 W] of the surfaces that the depth names; radius: [H, W]; nearer: [H, 4 W] light of
-    nearer ones in the same pixels; limit: brightness above which a pixel is a highlight.
+    limit: brightness above which a pixel is a highlight.
     """
-    H, W = radius.shape
-    minimum, maximum = float(radius.min()), float(radius.max())
+    radius, (minimum, maximum) = samples.radius[0], samples.range
     span, grain = maximum - minimum, grain_of(minimum, maximum)
-    most = most_levels(span)
-    down, across = coarse_axes(H, most), coarse_axes(W, most)
-    cones = np.full((down[1].length, across[1].length), _NOWHERE, np.int32)
-    if not mark_edges(radius, grain, down[1], across[1], cones):
+    coarse = coarse_pixels(radius.shape, max(2, math.ceil(math.log2(max(2 * span, 1))) + 1))
+    *cones, found = cones_at_edges(radius, grain, coarse)
+    if not found:
         return None
-    close = np.where(cones == _NOWHERE, np.int32(_NOWHERE), cones & _RADIUS).astype(np.int32)
-    edges = _EdgeCones(
-        _dilated(cones, math.floor(DECAY / grain), span / grain), _dilated(close, 1, span), grain
+    h, w = cones[0].shape
+    light, coarse_radius = np.zeros((1, h, 4 * w), np.float32), np.empty((1, h, w), np.float32)
+    picture = samples.light, radius, np.float32(limit)
+    levels = levels_for(coarse, span)
+    least, most = continue_hidden(
+        picture, tuple(cones), grain, coarse, *levels, light, coarse_radius
     )
-    half = half_level(light, radius, limit, nearer, down[1], across[1])
-    pyramid = pyramid_of(half, span, down, across)
-    first, others = (
-        _levels_of(x, n, down, across) for n, x in ((1, pyramid[:1]), (2, pyramid[1:]))
-    )
-    result = np.zeros((cones.shape[0], 4 * cones.shape[1]), np.float32)
-    coarse_radius = np.empty(cones.shape, np.float32)
-    if not continue_hidden(
-        *(radius, first, others, edges, down[1], across[1], result, coarse_radius)
-    ):
+    if least > most:
         return None
-    return result, coarse_radius
+    coarse_radius *= np.float32(0.5)
+    return HiddenSamples(light, coarse_radius, (least, most))

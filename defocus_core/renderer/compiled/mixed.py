@@ -23,11 +23,12 @@ _TINY, _SMALLEST = math.sqrt(float(np.finfo(np.float32).tiny)), float(np.finfo(n
 
 
 @entry
-def find_edges(radius, edge, border):
-    """The pixels on edges [H, W] uint8, and between them the radius that tells both sides apart."""
+def find_edges(radius):
+    """The pixels on edges [H, W] uint8, and the radius between both sides there; says if any."""
     height, width = radius.shape
     least, most = np.empty(width, np.float32), np.empty(width, np.float32)
-    found = 0
+    edge, border = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
+    found = False
     for y in range(height):
         up, down = max(y - 1, 0), min(y + 1, height - 1)
         for x in range(width):
@@ -40,8 +41,18 @@ def find_edges(radius, edge, border):
             edge[y, x] = far - near > EDGE
             if edge[y, x]:
                 border[y, x] = near + (far - near) * HALFWAY
-                found += 1
-    return found
+                found = True
+    return edge, border, found
+
+
+@entry
+def set_light(image, scale, light):
+    """Set light [H, 4 W] to the colours of a picture [3, H, W], times a scale, and a coverage."""
+    for y in range(image.shape[1]):
+        for x in range(image.shape[2]):
+            for c in range(3):
+                light[y, 4 * x + c] = image[c, y, x] * scale
+            light[y, 4 * x + 3] = 1
 
 
 @compiled
@@ -164,8 +175,10 @@ def _has_step(radius, y, x):
 
 
 @compiled
-def _read_square(image, radius, edge, border, limit, y, x, colors, radii, near, weight, on_edge):
-    """Read the square around a pixel, and the weights of its pixels."""
+def _read_square(picture, edges, y, x, square):
+    """Read the square around a pixel, and weights; picture, edges: as of `split_mixed`."""
+    (image, scale, limit), radius, (edge, border) = picture[:3], picture[3], edges
+    colors, radii, near, weight, on_edge = square
     height, width = radius.shape
     r0, middle = radius[y, x], border[y, x]
     own = r0 < middle
@@ -176,49 +189,57 @@ def _read_square(image, radius, edge, border, limit, y, x, colors, radii, near, 
         radii[k], near[k], on_edge[k] = r, r < middle, edge[row, column]
         brightest = 0.0
         for c in range(3):
-            colors[k, c] = image[row, 4 * column + c]
+            colors[k, c] = image[c, row, column] * scale
             brightest = max(brightest, colors[k, c])
         weight[k] = _BESIDE[k] if abs(r - r0) <= EDGE or near[k] != own else 0.0
         if brightest > limit:
             weight[k] *= _LIGHT
 
 
-@entry
-def split_mixed(image, radius, edge, border, limit, own_light, nearer_light, nearer_radius):
-    """Take mixed pixels apart: [H, 4 W] light and coverage of their own surface and nearer ones.
+@compiled
+def _find_sides(square, sides, thin, part, room, mask):
+    """Both surfaces of a square, the nearer one first: sides [2, 7]; says if they are known."""
+    colors, radii, near, weight, on_edge = square
+    known = True, True
+    for s in range(2):
+        for k in range(part.shape[0]):
+            part[k] = weight[k] if near[k] == (s == 0) and not on_edge[k] else 0.0
+        there = _side_of(colors, radii, part, sides[s]) > 0
+        known = (there, known[1]) if s == 0 else (known[0], there)
+    if known[0] == known[1]:
+        return known[0]
+    s = 1 if known[0] else 0
+    for k in range(part.shape[0]):
+        mask[k] = near[k] == (s == 0)
+    if _thin_side(colors, radii, weight, mask, sides[1 - s], thin[s], room) <= 0:
+        return False
+    sides[s] = thin[s]
+    return True
 
-    image: [H, 4 W] with a coverage of 1; own_light: a copy of it. Returns how many hold a nearer
-    surface besides their own.
+
+@entry
+def split_mixed(picture, edges, light, radii):
+    """Take mixed pixels apart: light [2, H, 4 W] of their own surface, and of nearer ones.
+
+    picture: [3, H, W] colours, a scale of theirs, the brightness that a highlight exceeds, and
+    radii [H, W]; edges: of `find_edges`; light: that of the picture, and 0; radii: [2, H, W].
+    Returns whether any holds a nearer surface besides its own.
     """
-    height, width = radius.shape
-    count = _SIDE * _SIDE
-    colors, radii, weight = np.empty((count, 3)), np.empty(count), np.empty(count)
-    near, on_edge = np.empty(count, np.bool_), np.empty(count, np.bool_)
-    mask, room, part = np.empty(count, np.bool_), np.empty(count), np.empty(count)
-    sides, thin, known = np.empty((2, 7)), np.empty((2, 7)), np.empty(2)
-    found = 0
-    for y in range(height):
-        for x in range(width):
+    radius, edge, count = picture[3], edges[0], _SIDE * _SIDE
+    square = (
+        *(np.empty((count, 3)), np.empty(count), np.empty(count, np.bool_)),
+        *(np.empty(count), np.empty(count, np.bool_)),
+    )
+    colors, near = square[0], square[2]
+    sides, thin, part, room = np.empty((2, 7)), np.empty((2, 7)), np.empty(count), np.empty(count)
+    mask, found = np.empty(count, np.bool_), False
+    for y in range(radius.shape[0]):
+        for x in range(radius.shape[1]):
             if not edge[y, x] or not _has_step(radius, y, x):
                 continue
-            _read_square(
-                *(image, radius, edge, border, limit, y, x),
-                *(colors, radii, near, weight, on_edge),
-            )
-            for s in range(2):  # the nearer one first
-                for k in range(count):
-                    part[k] = weight[k] if near[k] == (s == 0) and not on_edge[k] else 0.0
-                known[s] = _side_of(colors, radii, part, sides[s])
-            first, second = known[0] > 0, known[1] > 0
-            if not first and not second:
+            _read_square(picture, edges, y, x, square)
+            if not _find_sides(square, sides, thin, part, room, mask):
                 continue
-            if not first or not second:
-                s = 1 if first else 0
-                for k in range(count):
-                    mask[k] = near[k] == (s == 0)
-                if _thin_side(colors, radii, weight, mask, sides[1 - s], thin[s], room) <= 0:
-                    continue
-                sides[s] = thin[s]
             is_near = near[_MIDDLE]
             own, other = (sides[0], sides[1]) if is_near else (sides[1], sides[0])
             expected = 0.0
@@ -229,9 +250,8 @@ def split_mixed(image, radius, edge, border, limit, own_light, nearer_light, nea
             covered, rest = (alpha, 0.0) if is_near else (1.0, 1 - alpha)
             for c in range(3):
                 a, b = _colors(color[c], own, other, alpha, c)
-                own_light[y, 4 * x + c] = a * covered
-                nearer_light[y, 4 * x + c] = b * rest
-            own_light[y, 4 * x + 3], nearer_light[y, 4 * x + 3] = covered, rest
-            nearer_radius[y, x] = other[6]
-            found += rest > 0
+                light[0, y, 4 * x + c], light[1, y, 4 * x + c] = a * covered, b * rest
+            light[0, y, 4 * x + 3], light[1, y, 4 * x + 3] = covered, rest
+            radii[1, y, x] = other[6]
+            found |= rest > 0
     return found

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from functools import cache
 from logging import getLogger
+from typing import Any
 
 import numpy as np
 
 from defocus_core.optics.outline import Disc
 from defocus_core.renderer.compiled import back
-from defocus_core.renderer.compiled.back import Samples
 from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.kept import folder, one_process
-from defocus_core.renderer.compiled.picture import surfaces_of
+from defocus_core.renderer.compiled.look import look
+from defocus_core.renderer.compiled.picture import samples_of
 
 _LOGGER = getLogger("defocus_core")
 _SECONDS = 20
@@ -34,16 +35,9 @@ def render_everything() -> None:
     """Render a small picture that calls each function."""
     x = np.linspace(-60, 60, _SIZE[1], dtype=np.float32)
     radius = np.where(np.arange(_SIZE[0])[:, None] % 16 < 8, x, -3)
-    light = np.random.default_rng(0).random((*_SIZE, 4), np.float32)
-    light[..., 3] = 1
+    image = np.random.default_rng(0).random((3, *_SIZE), np.float32)
+    look(image, radius, 1e3, 1)
     bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.0, 0.5, 1.0)
-    own = Samples(light.reshape(_SIZE[0], -1), radius)
-    back.render(
-        surfaces_of(own, np.inf),
-        np.zeros((3, 3, 1, 0), np.float32),
-        bounds,
-        outline=Disc(),
-        min_slope=0.01,
-        edges=True,
-        threads=1,
-    )
+    samples = samples_of(image, radius, (-60.0, 60.0), 1.0, 1.0, edges=True)
+    options: dict[str, Any] = {"outline": Disc(), "min_slope": 0.01, "threads": 1}
+    back.render(samples, np.zeros((3, 3, 1, 0), np.float32), bounds, edges=True, **options)

@@ -125,26 +125,26 @@ LOST = 2.25
 
 
 @lru_cache(maxsize=8)
-def lost_shifts(outline: Outline) -> NDArray[np.float32]:
+def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
     """Px by which pixels move the light of the left half too little: [2, n], nearer and beyond.
 
-    Near focus alone, where a shift within a pixel is lost.
+    Near focus alone, where a shift within a pixel is lost. reach: of an opening, 4 px at least.
     """
-    most, pixel = math.ceil(LOST * STEPS), np.arange(-4, 5)
-    spans, share = (np.asarray(x, np.float64) for x in opening(outline, 4)[::3])
-    r, part = np.arange(most) / STEPS, share[:most]
+    most, far, pixel = math.ceil(LOST * STEPS), 4 * STEPS, np.arange(-reach - 1, reach + 2)
+    drawn = opening(outline, reach)
+    spans, share = drawn.spans[:, : far + 1].astype(np.float64), drawn.share[:most]
+    r = np.arange(most) / STEPS
     begun = ((r - SHARP) / (SOFT - SHARP)).clip(0, 1)
-    lost = np.zeros((2, len(share)), np.float32)
+    lost = np.zeros((2, most + 1), np.float32)
     for side in (0, 1):
         begin, end = _left(spans, side)
         # of a lens, for a radius of 1 px, and as pixels have it
-        middle = ((end**2 - begin**2) / 2)[-2].sum() / (end - begin)[-2].sum()
-        middle /= (len(share) - 2) / STEPS
+        middle = ((end**2 - begin**2) / 2)[far].sum() / (end - begin)[far].sum() / 4
         edges = np.stack([begin, end])[:, :most, :, None].clip(pixel - 0.5, pixel + 0.5)
         moved = ((edges[1] - edges[0]) * pixel).sum((1, 2)) / (end - begin)[:most].sum(1)
         first, second = moved[FIRST], moved[SECOND]
-        mixed = np.where(r < NEAR[1], (1 - part) * first + part * second, moved)
-        lost[side, :most] = begun * r * middle - np.where(r < NEAR[0], part * first, mixed)
+        mixed = np.where(r < NEAR[1], (1 - share) * first + share * second, moved)
+        lost[side, :most] = begun * r * middle - np.where(r < NEAR[0], share * first, mixed)
     return lost
 
 

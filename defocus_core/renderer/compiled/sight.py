@@ -6,56 +6,69 @@ See `compositing/sight.py`: behind a surface nothing is seen but where its own d
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compiled.slots import Slots
+from defocus_core.renderer.compiled.spread import step_of
 
+F32 = np.float32
 # Px around the disc of a pixel that it may see; ratio of the sizes of discs that are told apart;
 # squares and crosses, in turn, whose sum is nearly a disc; its apothem as a share of the radius.
 _AROUND, _RATIO, _APOTHEM = 0.7, 1.1, 0.97
 _SQUARES = (True, False, False, True, False)
 
 
-def farthest_seen(slot: NDArray[np.int16], radius: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The farthest slot within the disc of each pixel: [H, W]."""
-    size = np.abs(radius)
-    size += _AROUND
-    size *= _APOTHEM
-    px = np.rint(size, out=size).clip(1, None, out=size).astype(np.int32)
-    del size  # a large array
-    sizes, most = [1], int(px.max())
-    while sizes[-1] < most:
-        sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
-    nearest = np.abs(np.array(sizes)[:, None] - np.arange(sizes[-1] + 1)).argmin(0)
-    which = nearest.astype(np.uint8)[px]
-    del px
-    seen = slot.clip(0, None).astype(np.uint8)
-    result = seen.copy()
-    for number, (size_px, before) in enumerate(zip(sizes, [0, *sizes], strict=False)):
-        seen = _dilated(seen, size_px - before, square=_SQUARES[number % len(_SQUARES)])
-        np.copyto(result, seen, where=which == number)
-    return result
+@entry
+def farthest_seen(light, radius, table):
+    """The farthest slot [H, W] within the disc of each pixel.
+
+    table: of slots, see `surfaces_of`; surfaces are taken to be farther by about half the distance
+    of slices of the torch back.
+    """
+    height, width = radius.shape
+    seen, sizes = np.zeros((height, width), np.uint8), np.empty((height, width), np.int32)
+    most = 1
+    for y in range(height):
+        for x in range(width):
+            r = radius[y, x]
+            size = np.int32(np.rint((abs(r) + F32(_AROUND)) * F32(_APOTHEM)))
+            sizes[y, x] = max(size, 1)
+            most = max(most, sizes[y, x])
+            r += max(abs(r) * F32(0.06), F32(0.37))
+            q = min(step_of(r), table.shape[1] - 1)
+            if light[y, 4 * x + 3] > 0:
+                seen[y, x] = table[np.int64(r > 0), q]
+    result, rows, both = seen.copy(), np.empty_like(seen), np.empty_like(seen)
+    before, size, number = 0, 1, 0
+    while True:
+        after = max(size + 1, int(np.rint(_RATIO * size)))
+        _dilate(seen, size - before, _SQUARES[number % len(_SQUARES)], rows, both)
+        seen, both = both, seen
+        for y in range(height):
+            for x in range(width):
+                px = sizes[y, x]  # of the size that is closest to it
+                if px - before > size - px and (px - size <= after - px or size >= most):
+                    result[y, x] = seen[y, x]
+        if size >= most:
+            return result
+        before, size, number = size, after, number + 1
 
 
-def _dilated(values: NDArray[np.uint8], by: int, *, square: bool) -> NDArray[np.uint8]:
+@compiled
+def _dilate(values, by, square, rows, out):
     """The greatest of values [H, W] and those `by` px beside, above and below; of corners, too."""
-    greatest = values.copy()
-    for axis in (0, 1):
-        given, n = (greatest.copy() if square else values), values.shape[axis] - by
-        if n > 0:
-            for target, source in ((by, 0), (0, by)):
-                at, of = [slice(None)] * 2, [slice(None)] * 2
-                at[axis], of[axis] = slice(target, target + n), slice(source, source + n)
-                part = greatest[tuple(at)]
-                np.maximum(part, given[tuple(of)], out=part)
-    return greatest
-
-
-def needed(slots: Slots) -> NDArray[np.uint8]:
-    """For each slot the least that must be seen for it to show: itself; of octaves their first."""
-    first = [slots.first_of(octave) for octave in slots.octaves]
-    return np.array([*range(slots.visible), *first], np.uint8)
+    height, width = values.shape
+    given = rows if square else values
+    for y in range(height):
+        rows[y] = values[y]
+        for other in (y - by, y + by):
+            if 0 <= other < height:
+                for x in range(width):
+                    rows[y, x] = max(rows[y, x], values[other, x])
+        out[y] = rows[y]
+        for x in range(by, width):
+            out[y, x] = max(out[y, x], given[y, x - by])
+        for x in range(width - by):
+            out[y, x] = max(out[y, x], given[y, x + by])
 
 
 # As in `compositing/sight.py`: the least share.

@@ -1,4 +1,4 @@
-"""Surfaces as they are spread: light, radii, layers and slopes of pixels, at full size or less.
+"""SlotSurfaces as they are spread: light, radii, layers and slopes of pixels, at full size or less.
 
 A disc many px wide blurs away fine detail: pixels of large radii are averaged to half, a quarter,
 ... of the resolution, those nearer than focus and those beyond it apart.
@@ -12,36 +12,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compiled.openings import HALF, STEPS
-from defocus_core.renderer.compiled.spread import spread_line
+from defocus_core.renderer.compiled.openings import FIRST
+from defocus_core.renderer.compiled.spread import spread_line, step_of
 
 F32 = np.float32
 
 
-class SlotSurface(NamedTuple):
-    """One surface at each pixel."""
+class SlotSurfaces(NamedTuple):
+    """What is at each pixel: the surface that the depth names, and parts of a nearer one."""
 
-    light: NDArray[np.float32]  # [H, 4 W] three colours premultiplied by coverage, and coverage
-    radius: NDArray[np.float32]  # [H, W] signed, in its own pixels
-    slot: NDArray[np.int16]  # [H, W], -1 where nothing is
-    slope: NDArray[np.float32]  # [2, H, W] of the radius, px per px, x and y; [2, 0, 0] if level
-    # [H, 4 W] what the light of the left half has more, see `lost` of openings; [0, 0] if nothing
+    light: NDArray[np.float32]  # [n, H, 4 W] three colours premultiplied by coverage, and coverage
+    radius: NDArray[np.float32]  # [n, H, W] signed, in its own pixels
+    slot: NDArray[np.int16]  # [n, H, W], -1 where nothing is
+    # [2, H, W] slope of the radius of the first one, px per px, x and y; [2, 0, 0] if it is level
+    slope: NDArray[np.float32]
+    # [H, 4 W] what its light of the left half has more, see `lost_shifts`; [0, 0] if nothing
     moved: NDArray[np.float32]
 
 
-@entry
-def slots_of(radius, light, table, out):
-    """The slot of each pixel by its radius: out [H, W], -1 where coverage is 0.
+@compiled
+def _find_slots(light, radius, table, level, slot):
+    """The slot of each pixel by its radius: slot [n, H, W], -1 where coverage is 0.
 
-    table: [2, n] of radii nearer than focus and beyond it, in STEPS of a px.
+    table: [2, n] of radii nearer than focus and beyond it, in STEPS of a px of level 0.
     """
-    height, width = radius.shape
+    count, height, width = radius.shape
     most = table.shape[1] - 1
-    for y in range(height):
-        for x in range(width):
-            r = radius[y, x]
-            q = min(np.int64(abs(r) * F32(STEPS) + F32(1 - HALF)), most)
-            out[y, x] = table[np.int64(r > 0), q] if light[y, 4 * x + 3] > 0 else -1
+    for k in range(count):
+        for y in range(height):
+            for x in range(width):
+                r = radius[k, y, x]
+                q = min(step_of(r) << level, most)
+                slot[k, y, x] = table[np.int64(r > 0), q] if light[k, y, 4 * x + 3] > 0 else -1
+
+
+@entry
+def surfaces_of(light, radius, table, level, minimum, lost):
+    """SlotSurfaces with their slots, slopes and moves.
+
+    table: see `_find_slots`; level: whose pixels they are in; minimum: slope below which surfaces
+    count as level; lost: shifts to make up for, [2, n] of openings, or [2, 0].
+    """
+    slot = np.empty(radius.shape, np.int16)
+    _find_slots(light, radius, table, level, slot)
+    moved = np.zeros((0, 0), np.float32)
+    if lost.shape[1] > 0:
+        moved = np.zeros(light.shape[1:], np.float32)
+        _find_moved(light[0], radius[0], lost, moved)
+    return SlotSurfaces(light, radius, slot, _slopes(radius[0], minimum), moved)
 
 
 # As in `layers/slopes.py`.
@@ -55,13 +73,11 @@ def _limited(a, b):
     return (a * b2 + b * a2) / (a2 + b2)
 
 
-@entry
-def find_slopes(radius, minimum, slope, steep):
-    """The slope of each pixel's surface, at most 1 long: slope [2, H, W], steep [H, W] uint8.
-
-    Returns whether any is longer than the minimum.
-    """
+@compiled
+def _slopes(radius, minimum):
+    """The slopes [2, H, W] of a surface, at most 1 long; [2, 0, 0] if it is level."""
     height, width = radius.shape
+    slope, steep = np.empty((2, height, width), np.float32), np.empty((height, width), np.uint8)
     found = False
     for y in range(height):
         up, down = max(y - 1, 0), min(y + 1, height - 1)
@@ -70,14 +86,8 @@ def find_slopes(radius, minimum, slope, steep):
             left, right = max(x - 1, 0), min(x + 1, width - 1)
             a, b = r - radius[y, left], radius[y, right] - r
             c, d = r - radius[up, x], radius[down, x] - r
-            if left == x:
-                a = b
-            if right == x:
-                b = a
-            if up == y:
-                c = d
-            if down == y:
-                d = c
+            a, b = b if left == x else a, a if right == x else b
+            c, d = d if up == y else c, c if down == y else d
             gx, gy = _limited(a, b), _limited(c, d)
             square = gx * gx + gy * gy
             steep[y, x] = square > minimum * minimum
@@ -86,26 +96,25 @@ def find_slopes(radius, minimum, slope, steep):
                 short = F32(1) / np.sqrt(square)
                 gx, gy = gx * short, gy * short
             slope[0, y, x], slope[1, y, x] = gx, gy
-    return found
+    if found and _keep_wide_slopes(slope, steep):
+        return slope
+    return np.zeros((2, 0, 0), np.float32)
 
 
-@entry
-def keep_wide_slopes(slope, steep):
+@compiled
+def _keep_wide_slopes(slope, steep):
     """Take away slopes that hold for few of the pixels around; returns whether any is left."""
     height, width = steep.shape
-    columns = np.zeros(width + 1, np.int32)
-    counts = np.zeros(width, np.int32)
+    columns, counts = np.zeros(width + 1, np.int32), np.zeros(width, np.int32)
     kept = False
-    for y in range(min(_AROUND, height)):
+    for y in range(-_AROUND, height):
         for x in range(width):
-            counts[x] += steep[y, x]
-    for y in range(height):
-        if y + _AROUND < height:
-            for x in range(width):
+            if y + _AROUND < height:
                 counts[x] += steep[y + _AROUND, x]
-        if y > _AROUND:
-            for x in range(width):
+            if y > _AROUND:
                 counts[x] -= steep[y - _AROUND - 1, x]
+        if y < 0:
+            continue
         for x in range(width):
             columns[x + 1] = columns[x] + counts[x]
         rows = min(y + _AROUND + 1, height) - max(y - _AROUND, 0)
@@ -119,26 +128,18 @@ def keep_wide_slopes(slope, steep):
     return kept
 
 
-def slopes(radius: NDArray[np.float32], minimum: float) -> NDArray[np.float32]:
-    """The slopes [2, H, W] of a surface, see `layers/slopes.py`; [2, 0, 0] if it is level."""
-    slope, steep = np.empty((2, *radius.shape), np.float32), np.empty(radius.shape, np.uint8)
-    if find_slopes(radius, F32(minimum), slope, steep) and keep_wide_slopes(slope, steep):
-        return slope
-    return np.zeros((2, 0, 0), np.float32)
-
-
 # Neighbours whose radii differ by less, in px, are of one surface.
 _SAME = 0.513
 
 
-@entry
-def find_moved(light, radius, lost, moved):
+@compiled
+def _find_moved(light, radius, lost, moved):
     """What the left half has more where shifts are lost: moved [H, 4 W], coverage as it is."""
     height, width = radius.shape
     for y in range(height):
         for x in range(width):
             r = radius[y, x]
-            q = np.int64(abs(r) * F32(STEPS) + F32(1 - HALF))
+            q = step_of(r)
             shift = lost[np.int64(r > 0), q] if q < lost.shape[1] else F32(0)
             before = x > 0 and abs(radius[y, x - 1] - r) < F32(_SAME)
             after = x + 1 < width and abs(radius[y, x + 1] - r) < F32(_SAME)
@@ -154,90 +155,111 @@ def find_moved(light, radius, lost, moved):
 
 
 @compiled
-def read_line(surface, y, before, line):
-    """Copy the row nearest to y to a line, with what goes on beyond the frame."""
-    height, width = surface.radius.shape
-    row = min(max(y, 0), height - 1)
-    sloping, moving = surface.slope.shape[1] > 0, surface.moved.shape[0] > 0
-    beyond = y != row
-    for j in range(width + 2 * before):
-        x = min(max(j - before, 0), width - 1)
-        line.slot[j] = surface.slot[row, x]
-        line.radius[j] = surface.radius[row, x]
-        for i in range(4):
-            line.light[4 * j + i] = surface.light[row, 4 * x + i]
-            if moving:
-                line.moved[4 * j + i] = surface.moved[row, 4 * x + i]
-        if sloping:
-            line.slope[0, j] = surface.slope[0, row, x] if x == j - before else F32(0)
-            line.slope[1, j] = F32(0) if beyond else surface.slope[1, row, x]
+def spread_row(surfaces, y, band, opening, room):
+    """Spread the row that is nearest to y within the rows [band[0], band[1])."""
+    line, (count, height, width) = room.line, surfaces.radius.shape
+    light, radius, slot, slope, moved = surfaces
+    before, row = line.before, min(max(y, 0), height - 1)
+    to_light, to_radius, to_slot, to_slope, to_moved = line[:5]
+    for k in range(count):
+        sloping, moving = slope.shape[1] > 0, moved.shape[0] > 0
+        for j in range(width + 2 * before):  # what goes on beyond the frame is as on its edge
+            x = min(max(j - before, 0), width - 1)
+            to_slot[j], to_radius[j] = slot[k, row, x], radius[k, row, x]
+            for i in range(4):
+                to_light[4 * j + i] = light[k, row, 4 * x + i]
+                if moving:
+                    to_moved[4 * j + i] = moved[row, 4 * x + i]
+            if sloping:
+                to_slope[0, j] = slope[0, row, x] if x == j - before else F32(0)
+                to_slope[1, j] = slope[1, row, x] if y == row else F32(0)
+        spread_line(line, y, band, opening, room.ring)
 
 
 @compiled
-def spread_row(surface, y, band, opening, room):
-    """Spread the row of a surface that is nearest to y within the rows [band[0], band[1])."""
-    read_line(surface, y, room.line.before, room.line)
-    spread_line(room.line, y, band, opening, room.ring, room.work)
+def _clear(sums, slot, first, end):
+    """Set the sums of a slot to 0 from the first pixel to the one before `end`."""
+    for view in range(sums.shape[0]):
+        for i in range(4):
+            for x in range(first, end):
+                sums[view, slot, i, x] = 0
+
+
+@compiled
+def add_points(surfaces, y, shares, room):
+    """Add to the sums of row y what stays in its pixels near focus; shares: of the disc there."""
+    sums, ends, views = room.sums, room.ends, room.ring.views
+    light, radius, slot, _, moved = surfaces
+    for k in range(radius.shape[0]):
+        moving = k == 0 and moved.shape[0] > 0
+        for x in range(radius.shape[2]):
+            s, q = slot[k, y, x], step_of(radius[k, y, x])
+            if s < 0 or q >= FIRST:
+                continue
+            if ends[1, s] < 0:
+                ends[0, s], ends[1, s] = x, x - 1
+            _clear(sums, s, x, ends[0, s])
+            _clear(sums, s, ends[1, s] + 1, x + 1)
+            for view in range(views):
+                for i in range(4):
+                    sums[view, s, i, x] += light[k, y, 4 * x + i] * (F32(1) - shares[q])
+                    if moving and view == 1:
+                        sums[1, s, i, x] += moved[y, 4 * x + i] * (F32(1) - shares[q])
+            ends[0, s], ends[1, s] = min(ends[0, s], x), max(ends[1, s], x)
 
 
 @entry
-def add_halved(light, radius, slope, present, shift, odd, out, sums):
-    """Add the pixels present [H, W] to coarse ones that they are part of.
+def halved(surfaces, levels, level, side, coarse, table):
+    """What of surfaces is spread at a level or beyond it on a side of focus, in its coarse pixels.
 
-    shift: (down, across) pixels missing before the first; odd: the same, whether every second pixel
-    makes a coarse one with half of its neighbours. out: [h, 4 w] light; sums: [3, h, w] coverage
-    times radius and slopes. Pixels beyond the frame are those on its edge.
+    surfaces: in pixels of the level before; levels: of the slots; coarse: `Coarse`. Pixels beyond
+    the frame are those on its edge.
     """
-    height, width = radius.shape
-    h, w = out.shape[0], out.shape[1] // 4
-    sloping = slope.shape[1] > 0
-    rows, columns = 2 + odd[0], 2 + odd[1]
+    h, w = coarse.length[level, 0], coarse.length[level, 1]
+    light, radius = np.zeros((1, h, 4 * w), np.float32), np.zeros((1, h, w), np.float32)
+    sloping = surfaces.slope.shape[1] > 0
+    slope = np.zeros((2, h, w), np.float32) if sloping else np.zeros((2, 0, 0), np.float32)
     for i in range(h):
-        for a in range(rows):
-            y = 2 * i + a - shift[0] - odd[0]
-            row = min(max(y, 0), height - 1)
-            down = F32(0.5) if odd[0] == 0 or a == 1 else F32(0.25)
-            for j in range(w):
-                for b in range(columns):
-                    x = 2 * j + b - shift[1] - odd[1]
-                    column = min(max(x, 0), width - 1)
-                    if not present[row, column]:
-                        continue
-                    share = down * (F32(0.5) if odd[1] == 0 or b == 1 else F32(0.25))
-                    for c in range(4):
-                        out[i, 4 * j + c] += share * light[row, 4 * column + c]
-                    weight = share * light[row, 4 * column + 3]
-                    sums[0, i, j] += weight * radius[row, column]
-                    if sloping:
-                        if x == column:
-                            sums[1, i, j] += weight * slope[0, row, column]
-                        if y == row:
-                            sums[2, i, j] += weight * slope[1, row, column]
-
-
-@entry
-def finish_halved(out, sums, radius, slope):
-    """Means of what was added: radius [h, w] in coarse pixels, slope [2, h, w] or [2, 0, 0]."""
-    h, w = radius.shape
-    for i in range(h):
+        for k in range(surfaces.radius.shape[0]):
+            for a in range(2 + coarse.odd[0]):
+                y = 2 * i + a - coarse.before[level, 0] - coarse.odd[0]
+                down = F32(0.5) if not coarse.odd[0] or a == 1 else F32(0.25)
+                _add_row(
+                    surfaces, k, y, (levels, level, side), coarse, down, i, light, radius, slope
+                )
         for j in range(w):
-            coverage = out[i, 4 * j + 3]
+            coverage = light[0, i, 4 * j + 3]
             if coverage <= 0:
                 continue
-            radius[i, j] = F32(0.5) * sums[0, i, j] / coverage
-            if slope.shape[1] > 0:
-                slope[0, i, j] = sums[1, i, j] / coverage
-                slope[1, i, j] = sums[2, i, j] / coverage
+            radius[0, i, j] = F32(0.5) * radius[0, i, j] / coverage
+            if sloping:
+                slope[0, i, j] /= coverage
+                slope[1, i, j] /= coverage
+    slot = np.empty(radius.shape, np.int16)
+    _find_slots(light, radius, table, level, slot)
+    return SlotSurfaces(light, radius, slot, slope, np.zeros((0, 0), np.float32))
 
 
-@entry
-def is_of(slot, levels, radius, level, side, out):
-    """Whether pixels are of a slot that is spread at a coarser level, and of a side of focus."""
-    height, width = slot.shape
-    found = False
-    for y in range(height):
-        for x in range(width):
-            s = slot[y, x]
-            out[y, x] = s >= 0 and levels[s] > level and (radius[y, x] > 0) == side
-            found |= out[y, x] > 0
-    return found
+@compiled
+def _add_row(surfaces, k, y, wanted, coarse, down, i, light, radius, slope):
+    """Add the pixels of row y, times a share, to coarse ones: light, radii and slopes."""
+    (levels, level, side), (height, width) = wanted, surfaces.radius.shape[1:]
+    given, radii, slot, slopes, _ = surfaces
+    row, odd, before = min(max(y, 0), height - 1), coarse.odd[1], coarse.before[level, 1]
+    sloping = k == 0 and slopes.shape[1] > 0
+    for j in range(radius.shape[2]):
+        for b in range(2 + odd):
+            x = 2 * j + b - before - odd
+            column = min(max(x, 0), width - 1)
+            s, r = slot[k, row, column], radii[k, row, column]
+            if s < 0 or levels[s] < level or (r > 0) != side:
+                continue
+            share = down * (F32(0.5) if not odd or b == 1 else F32(0.25))
+            for c in range(4):
+                light[0, i, 4 * j + c] += share * given[k, row, 4 * column + c]
+            weight = share * given[k, row, 4 * column + 3]
+            radius[0, i, j] += weight * r
+            if sloping and x == column:
+                slope[0, i, j] += weight * slopes[0, row, column]
+            if sloping and y == row:
+                slope[1, i, j] += weight * slopes[1, row, column]

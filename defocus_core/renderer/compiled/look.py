@@ -1,0 +1,241 @@
+"""What is known of a picture before it is rendered, and whether its depth is as it should be.
+
+See `engine/survey.py`, `depth/diagnosis.py` and `depth/smoothing.py`, whose names constants have.
+Where anything is in doubt, these find out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.depth.ramps import HARD_STEP, INFINITE, MINIMUM, STEEP
+from defocus_core.renderer.compiled.jit import compiled, entry
+from defocus_core.renderer.compositing.highlights import BRIGHTER
+from defocus_core.tensors.ties import off_round
+
+F32 = np.float32
+_GREATEST, _BRIGHTEST = 1e8, 1e30
+_ORDINARY, _RANGE, _SQUARED, _BLACK = 0.995, 1e3, 1e15, 9.2e-41
+_SHARP = 0.15
+_STEP, _TOGETHER, _OFF, _FRACTION = off_round(2.5), 0.5, off_round(0.02), 0.1
+_MATTERS, _ABRUPT, _AVERAGE, _LEVEL, _AVERAGES = off_round(1.0), 0.5, 0.1, 0.1, 64
+_ALIKE, _SMALL, _SMALL_MATTERS, _LEAST, _MOST = 0.5, 0.5, 0.03, off_round(0.2), off_round(1.0)
+_FEW, _VOTES = 32, 20
+_WITHIN, _WITHIN_FRACTION = 60, 0.25
+
+
+class Look(NamedTuple):
+    """Statistics of a picture of three colours that any picture of one surface may have."""
+
+    range: tuple[float, float]  # least and greatest signed radius in px
+    channels: NDArray[np.float64]  # [3, 2] least and greatest value of each
+    step: float  # greatest difference of radius between neighbours in px
+    in_focus: int  # pixels
+    plain: bool  # whether it is finite, without highlights, and float32 is fine enough
+    clean: bool  # whether its depth needs no repair, but perhaps that of displaced edges
+    hard: bool  # whether edges may be displaced
+
+
+@entry
+def look(image, radius, infinity, by):
+    """Look at a picture [3, H, W] of radii [H, W] px.
+
+    infinity: signed radius of what is infinitely far, or infinite if that is not known; by: how
+    many times as large it is as one whose ramps are all looked at.
+    """
+    height, width = radius.shape
+    channels, plain = np.empty((3, 2)), True
+    for c in range(3):
+        least, most = F32(np.inf), F32(-np.inf)
+        for y in range(height):
+            for x in range(width):
+                v = image[c, y, x]
+                least, most = min(least, v), max(most, v)
+                plain &= abs(v) <= _BRIGHTEST
+        channels[c, 0], channels[c, 1] = least, most
+    least, most, step, in_focus = F32(np.inf), F32(-np.inf), F32(0), 0
+    for y in range(height):
+        for x in range(width):
+            r = radius[y, x]
+            least, most = min(least, r), max(most, r)
+            plain &= abs(r) <= F32(_GREATEST)
+            in_focus += abs(r) <= F32(_SHARP)
+            if x:
+                step = max(step, abs(r - radius[y, x - 1]))
+            if y:
+                step = max(step, abs(r - radius[y - 1, x]))
+    plain &= _is_plain(image, channels)
+    within = min(_WITHIN, _WITHIN_FRACTION * min(height, width))
+    small = min(_WITHIN, _WITHIN_FRACTION * min(height // by, width // by))
+    steep = min(STEEP, max(MINIMUM, (most - least) / within))
+    of_small = min(STEEP, max(MINIMUM, (most - least) / by / small))
+    clean = not _is_noisy(radius) and not _is_quantised(radius)
+    clean = clean and (step <= MINIMUM or _has_no_ramps(radius, min(steep, of_small)))
+    clean = clean and (step <= _MATTERS / 6 or _are_no_averages(radius, infinity))
+    hard = step > HARD_STEP * steep and _rises(radius, HARD_STEP * steep) > _VOTES
+    return (least, most), channels, step, in_focus, plain, clean, hard
+
+
+@compiled
+def _is_plain(image, channels):
+    """Whether a picture has no highlights, and float32 is fine enough for it."""
+    brightest, darkest = channels[:, 1].max(), channels[:, 0].min()
+    size, limit, pixels = max(brightest, -darkest), max(brightest, 0.0), image[0].size
+    if size > _SQUARED or 0 < size < 1 / _SQUARED:
+        return False
+    ordinary = black = dark = 0
+    for y in range(image.shape[1]):
+        for x in range(image.shape[2]):
+            v = np.float64(max(max(image[0, y, x], image[1, y, x]), max(image[2, y, x], F32(0))))
+            ordinary += v < limit / BRIGHTER
+            black += v < _BLACK
+            dark += _RANGE * v < brightest
+    if ordinary >= max(1, int(_ORDINARY * pixels)):
+        return False
+    return black == pixels or dark < black + (pixels - black + 1) // 2
+
+
+@compiled
+def _is_noisy(radius):
+    """Whether radii scatter."""
+    height, width = radius.shape
+    together = apart = noisy = 0
+    for y in range(1, height - 1):
+        for x in range(1, width - 1):
+            for axis in range(2):
+                dy, dx = (1, 0) if axis else (0, 1)
+                before = radius[y, x] - radius[y - dy, x - dx]
+                after = radius[y + dy, x + dx] - radius[y, x]
+                if max(abs(before), abs(after)) > F32(_STEP):
+                    apart += 1
+                    continue
+                together += 1
+                noisy += before * after < 0 and abs(after - before) / 2 >= F32(_OFF)
+    return together > _TOGETHER * (apart + together) and noisy > _FRACTION * together
+
+
+@compiled
+def _is_quantised(radius):
+    """Whether radii may have few levels, more than 32, with small steps between them."""
+    height, width = radius.shape
+    for axis in range(2):
+        dy, dx = (1, 0) if axis else (0, 1)
+        same = minimum = small = 0
+        count = (height - dy) * (width - dx)
+        for y in range(height - dy):
+            for x in range(width - dx):
+                step = abs(radius[y + dy, x + dx] - radius[y, x])
+                same += step <= 0
+                minimum += step <= F32(_LEAST)
+                small += step <= F32(_MOST)
+        rest = count - same
+        if same <= _ALIKE * count or small - same <= _SMALL * rest:
+            return False
+        if small - minimum <= _SMALL_MATTERS * rest:
+            return False
+    levels, number = np.empty(_FEW + 1, np.float32), 0
+    for y in range(height - 1):
+        for x in range(width - 1):
+            r = radius[y, x]
+            if r != radius[y, x + 1] or r != radius[y + 1, x]:
+                continue
+            k = 0
+            while k < number and levels[k] != r:
+                k += 1
+            if k == number:
+                if number == _FEW:
+                    return True
+                levels[number] = r
+                number += 1
+    return False
+
+
+@compiled
+def _steepness(radius, y, x):
+    """The slope of a ramp at a pixel, see `depth/ramps.py`."""
+    height, width = radius.shape
+    slope = F32(0)
+    if 0 < x < width - 1:
+        a, b = radius[y, x] - radius[y, x - 1], radius[y, x + 1] - radius[y, x]
+        slope = max(slope, max(min(a, b), -max(a, b)))
+    if 0 < y < height - 1:
+        a, b = radius[y, x] - radius[y - 1, x], radius[y + 1, x] - radius[y, x]
+        slope = max(slope, max(min(a, b), -max(a, b)))
+    return slope
+
+
+@compiled
+def _has_no_ramps(radius, steep):
+    """Whether no ramp is steep, nor several px wide and long and less steep."""
+    height, width = radius.shape
+    for y in range(height):
+        for x in range(width):
+            slope = _steepness(radius, y, x)
+            if slope > STEEP:
+                return False
+            if slope <= steep:
+                continue
+            for v in range(max(y - 1, 0), min(y + 2, height)):
+                for u in range(max(x - 1, 0), min(x + 2, width)):
+                    slope = min(slope, _steepness(radius, v, u))
+            if slope > steep:
+                return False
+    return True
+
+
+@compiled
+def _are_no_averages(radius, infinity):
+    """Whether few pixels on edges lie between both surfaces, in disparity and in distance."""
+    height, width = radius.shape
+    counts, values = np.zeros(2, np.int64), np.empty(7, np.float32)
+    for y in range(height):
+        for x in range(width):
+            for axis in range(2):
+                dy, dx = (1, 0) if axis else (0, 1)
+                y0, x0 = y - 3 * dy, x - 3 * dx
+                if y0 < 0 or x0 < 0 or y0 + 6 * dy >= height or x0 + 6 * dx >= width:
+                    continue
+                if abs(radius[y0 + 6 * dy, x0 + 6 * dx] - radius[y0, x0]) <= F32(_MATTERS):
+                    continue
+                for quantity in range(2 if infinity < np.inf else 1):
+                    for k in range(7):
+                        r = radius[y0 + k * dy, x0 + k * dx]
+                        if quantity:
+                            r = F32(1) / max(F32(infinity) - r, F32(INFINITE))
+                        values[k] = r
+                    counts[quantity] += _is_average(values)
+    return counts.max() <= _AVERAGES
+
+
+@compiled
+def _is_average(values):
+    """Whether the middle one of seven values is on a narrow edge, between both surfaces."""
+    within = values[2:5].max() - values[2:5].min()
+    near, whole = values[1:6].min(), values.max() - values.min()
+    size, level = values[1:6].max() - near, F32(_LEVEL) * whole
+    rising = falling = True
+    for k in range(1, 5):
+        rising &= values[k + 1] - values[k] >= -level
+        falling &= values[k + 1] - values[k] <= level
+    place = (values[3] - near) / (size if size > 0 else F32(1))
+    ends = min(abs(values[1] - values[0]), abs(values[6] - values[5]))
+    on_edge = (rising or falling) and ends < level and _AVERAGE < place < 1 - _AVERAGE
+    return on_edge and within > F32(_ABRUPT) * whole
+
+
+@compiled
+def _rises(radius, least):
+    """How many pixels have a neighbour that is farther by more than a step."""
+    height, width = radius.shape
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            r, rise = radius[y, x], F32(0)
+            for v, u in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
+                if 0 <= v < height and 0 <= u < width:
+                    rise = max(rise, radius[v, u] - r)
+            count += rise > least
+    return count
