@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from defocus_core import gone
 from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean
 from defocus_core.picture import plain_path
+from defocus_core.picture.pair import of_arrays
 from defocus_core.picture.preview import write_preview
 from defocus_core.picture.take import Arrays, Inputs, Take
 from defocus_core.picture.write import disparity_map, shown
@@ -110,8 +111,6 @@ class Picture:
 
     def _read(self, job: Job) -> Inputs:
         """The decoded inputs of a job of this picture."""
-        from defocus_core.picture.in_memory import of_arrays
-
         key = job.reading, job.lens_focal
         if self._inputs is None or self._inputs[0] != key:
             arrays = self._arrays

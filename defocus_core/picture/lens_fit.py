@@ -95,7 +95,9 @@ def fit_files(
         raise InputError("focus-too-near", problem, remedy, path=blurred[0])
     radius = (found.strength * (found.focus - disparity)).numpy()
     record = {"picture": str(picture.color)} | _record(found, options, color.shape[1])
-    doubts = _doubts(found, float(np.abs(radius).max()))
+    doubts = ["left and right are exchanged"] if found.exchanged else []
+    if np.abs(radius).max() < _MIN_BLUR:
+        doubts.append("hardly anything is blurred")
     return record | radius_measures(radius, None) | {"doubts": doubts}
 
 
@@ -129,13 +131,6 @@ def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
             "left_is_right": found.exchanged,
         }
     return record
-
-
-def _doubts(found: Fit, max_px: float) -> list[str]:
-    """Doubts about the result, in words."""
-    exchanged = "left and right are exchanged" if found.exchanged else ""
-    hardly = "hardly anything is blurred" if max_px < _MIN_BLUR else ""
-    return [doubt for doubt in (exchanged, hardly) if doubt]
 
 
 def _photodiodes(options: FitOptions) -> DualPixel:

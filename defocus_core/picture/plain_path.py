@@ -46,8 +46,8 @@ def read(job: Job) -> Inputs:
     """Decode the picture of a job, and its hidden layer, plate and matte, if any."""
     require_room(job)
     color, depth = read_pair(InputPair.from_job(job))
-    inputs = Inputs(arrays_mb(job), color, depth, empty=depth.empty)
-    inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
+    warnings = *color.warnings, *depth.warnings
+    inputs = Inputs(arrays_mb(job), color, depth, empty=depth.empty, warnings=warnings)
     return apply_steps(READ, Take(job=job, inputs=inputs, lens=job.lens)).inputs
 
 
@@ -59,17 +59,9 @@ def prepare(job: Job, inputs: Inputs) -> Take:
         problem = f"holds {holds}, of which no depth can be written"
         raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
     take = apply_steps(LENS, Take(job=job, inputs=inputs, lens=job.lens))
-    radii = radii_of(take.lens, depth)
-    take = apply_steps(
-        RADII,
-        replace(
-            take,
-            radii=radii,
-            shown=radii.px,
-            limits=radii.limits,
-            device=choose_device(job.machine.device),
-        ),
-    )
+    radii, device = radii_of(take.lens, depth), choose_device(job.machine.device)
+    take = replace(take, radii=radii, shown=radii.px, limits=radii.limits, device=device)
+    take = apply_steps(RADII, take)
     return replace(take, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path
@@ -74,11 +74,6 @@ def _focus(take: Take, kind: Kind) -> _Channels:
     return ("R", "G", "B"), focus_planes(light, shown(color, take.shown)), {}
 
 
-def _given_color(take: Take, kind: Kind) -> _Channels:
-    color = take.inputs.color
-    return color.channels, tuple(color.planes[: len(color.channels)]), {}
-
-
 # The functions that make the channels of kinds, by source; kinds without source are rendered.
 _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
     "": lambda take, kind: ((kind.name,), take.images[kind.name], {}),
@@ -86,7 +81,11 @@ _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
     "radius": _of_radius,
     "disparity": _of_radius,
     "focus": _focus,
-    "color": _given_color,
+    "color": lambda take, kind: (
+        take.inputs.color.channels,
+        tuple(take.inputs.color.planes[: len(take.inputs.color.channels)]),
+        {},
+    ),
     "depth": lambda take, kind: (("Z",), (take.metres,), {}),
 }
 
@@ -236,15 +235,10 @@ def _write_preview(path: Path, contents: Contents) -> None:
     elif kind.source == "depth":
         preview.write_depth_preview(path, planes[0])
     else:
-        pictures = _side_by_side(planes, max(1, len(kind.rendered)))
-        preview.write_preview(path, pictures, contents.take.inputs.color.attributes)
-
-
-def _side_by_side(planes: Sequence[Any], views: int) -> NDArray[Any]:
-    """The planes [H, W] of views side by side, [H, views * W, C]."""
-    count = len(planes) // views
-    pictures = [np.stack(planes[n : n + count], axis=2) for n in range(0, len(planes), count)]
-    return np.concatenate(pictures, axis=1)
+        count = len(planes) // max(1, len(kind.rendered))
+        views = [np.stack(planes[n : n + count], axis=2) for n in range(0, len(planes), count)]
+        attributes = contents.take.inputs.color.attributes
+        preview.write_preview(path, np.concatenate(views, axis=1), attributes)
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:

@@ -1,37 +1,7 @@
 """Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
 
-A TOML file with the tables
-  [inputs]    pictures, as below
-  [split]     shares of train, test, …, see `splits`
-  [dataset]   title, licence, source and citation, see `batch.datasets.origin`
-  [lens]      the options of a lens; ``file``, a lens file below them
-  [animate]   keys of lens options by frame, see `animation`; ``file``, files of
-              keys; ``interpolation``
-  [shot]      steady: what frames have in common, see `shots`
-  [sweep]     lists, grids and ranges of lens options, see `sweeps`
-  [sample]    random lenses, see `sweeps`
-  [reading]   depth-format and the other options of reading, see `job_options`
-  [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
-              inputs = "copy" adds the sharp picture and its depth, kinds image and depth
-  [machine]   quality
-
-``[inputs]`` knows
-  color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
-                              colour EXR holds its own; ``shot.####.exr`` numbers frames
-  frames, missing             of such a shot the frames wanted, and what to do without a file
-  hidden-color, hidden-depth  what lies behind, in the same form
-  over-color, over-depth      the plate that elements lie over, in the same form
-  holdout-color               deep pictures that hide what is behind them, in the same form
-  matte                       the coverage of the subject of each picture, in the same form
-  carry                       labels that are put beside the outputs: files, folders or patterns
-                              by name, as in ``carry = {masks = "masks/*.png"}``
-  list                        CSV or JSONL files with a row for each picture
-  pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
-A row has ``color`` and, if need be, ``depth``, those of hidden and over, ``stem`` (what
-its outputs are named) and any option of a lens. Paths are relative to the file they stand in.
-
-All that decides what the outputs look like stands in it; where they go and who computes them does
-not.
+`defocus help batch` has their tables and keys. All that decides what the outputs look like stands
+in them; where they go and who computes them does not. Paths are relative to the file they stand in.
 """
 
 from __future__ import annotations
@@ -108,9 +78,8 @@ def read_batch(
 ) -> Batch:
     """The jobs of a jobs file, or of its tables; jobs of one picture are consecutive.
 
-    `outputs`: directory to write to, and defaults for ``[outputs]``; `machine`: device, threads and
-    memory, and defaults for ``[machine]``; `part`: (number, of how many) to make the jobs of one
-    shard alone: every n-th picture with all its lenses or, if pictures are fewer, every n-th job.
+    `outputs`, `machine`: the defaults; `part`: (number, of how many) to make the jobs of one shard
+    alone: every n-th picture with all its lenses or, if pictures are fewer, every n-th job.
     """
     if isinstance(asked, Mapping):
         path, stored = Path("jobs"), asked
@@ -258,14 +227,14 @@ def _carried(table: Table) -> dict[str, Path]:
 
 
 def _from_tables(table: Table) -> list[Entry]:
-    tables = table.values.get("pictures", [])
+    if "pictures" not in table.values:
+        return []
+    tables = table.values["pictures"]
     if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
         raise UsageProblem(
             "malformed", "is not a list of tables", remedy, path=table.place("pictures")
         )
-    if not tables:
-        return []
     places = (Place(table.file, f"[[inputs.pictures]] {number}") for number in count(1))
     return _from_rows(zip(places, tables, strict=False), table.file)
 
