@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test compares it with the 
     from defocus_core.errors import DefocusError as DefocusError
     from defocus_core.errors import InputError as InputError
     from defocus_core.errors import UsageProblem as UsageProblem
-    from defocus_core.evaluation.lens_laws import verify as verify
     from defocus_core.fitting.pair import fit as fit
     from defocus_core.io.picture_files import read_color as read_color
     from defocus_core.io.picture_files import read_depth as read_depth
@@ -85,11 +84,7 @@ _GROUPS = {
         "errors": "DefocusError InputError UsageProblem",
     },
     "batches": {"batch.run_batch": "batch_jobs run_batch", "batch.datasets.finished": "samples"},
-    "comparison and fits and laws": {
-        "compare.comparison": "compare_images",
-        "fitting.pair": "fit",
-        "evaluation.lens_laws": "verify",
-    },
+    "comparison and fits": {"compare.comparison": "compare_images", "fitting.pair": "fit"},
 }
 _MODULE_OF = {
     name: module

@@ -57,7 +57,7 @@ _UNEXPORTED = {
     "compare.record": "Comparison",
     "depth.diagnosis": "DepthRepair",
     "evaluation": "baselines metrics",
-    "evaluation.lens_laws": "Check LawSetting LAWS",
+    "evaluation.lens_laws": "Check LawSetting LAWS verify",
     "evaluation.metrics": "Errors",
     "fitting.pair": "Fit",
     "io.depth_formats.depth": "Depth",

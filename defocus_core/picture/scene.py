@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -149,31 +149,8 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
     ]
     if any(each.measured for each in lamps):
         return replace(surfaces, lamps=0)
-    color = surfaces.take.inputs.color
-    first = len(color.channels) if surfaces.coverage is None else colors  # passes without alpha
-    shares = {
-        first + number: color.channels.index(own)
-        for number, name in enumerate(color.passes)
-        if (own := name.rpartition(".")[2]) in color.channels[:colors]
-    }
-    light = tuple(
-        _with_passes(old, each.added, shares)
-        for old, each in zip(surfaces.light, lamps, strict=True)
-    )
+    light = tuple(each.added for each in lamps)
     return replace(surfaces, light=light, lamps=sum(each.count for each in lamps))
-
-
-def _with_passes(old: Tensor, lit: Tensor, shares: Mapping[int, int]) -> Tensor:
-    """Light [C, H, W] with passes scaled like their colours.
-
-    `shares`: the index of the colour of each pass, by its index.
-    """
-    lit = lit.clone() if shares else lit  # it may be the old light
-    for pass_, color in shares.items():
-        is_lit = old[color] > 0
-        gain = (lit[color] / old[color].where(is_lit, 1)).where(is_lit, 1)
-        lit[pass_] *= gain
-    return lit
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:

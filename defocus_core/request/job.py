@@ -216,11 +216,14 @@ class Job:
         """Read depth as the lens needs it.
 
         Raises:
-            UsageProblem: If no output holds the named channels of light.
+            UsageProblem: If no output holds the named channels of light, or they lack its lamps.
         """
         if self.reading.blur_channels and self.outputs.format != "exr":
             problem = f"has no effect in {self.outputs.format}, which holds the picture alone"
             raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
+        if self.reading.blur_channels and self.lens.highlights:
+            problem = "adds light that the channels of ‹blur-channels› do not have"
+            raise UsageProblem("contradiction", problem, "leave one out", field="highlights")
         object.__setattr__(self, "reading", reading_through(self.reading, self.lens))
 
     @property

@@ -270,14 +270,12 @@ def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path):
 
 
 @pytest.mark.parametrize("alpha", [False, True])
-@pytest.mark.parametrize("look", [("--axial-color", "0.3mm:-0.2mm"), ("--highlights", "auto")])
-def test_passes_add_up_to_their_picture_whatever_the_look(look, alpha, tmp_path):
-    """Before a plane of one depth rendering is linear, but for lamps, which grow by one factor."""
+def test_passes_add_up_to_their_picture_if_colours_focus_apart(alpha, tmp_path):
+    """Before a plane of one depth rendering is linear."""
     planes: dict[str, Any] = {"Z": np.full(SIZE, 3, np.float32)}
-    rng, lamps = np.random.default_rng(3), np.zeros(SIZE, bool)
-    lamps[10:12, 10:12] = lamps[30:32, 40:42] = True
+    rng, look = np.random.default_rng(3), ("--axial-color", "0.3mm:-0.2mm")
     for name in "RGB":
-        planes[name] = np.where(lamps, np.float32(1), rng.random(SIZE, np.float32) / 4)
+        planes[name] = rng.random(SIZE, np.float32) / 4
         planes[f"lamp.{name}"] = planes[name] * rng.random(SIZE, np.float32)
         planes[f"Rest.{name}"] = planes[name] - planes[f"lamp.{name}"]
     if alpha:
@@ -303,6 +301,17 @@ def test_what_is_no_light_is_not_blurred_and_passes_need_a_file_that_holds_them(
         refused(ran, 3, "no-such-channel", made)
     arguments = ("-o", tmp_path / "o", *LENS, "1m", "--format", "png", "--blur-channels", "N.X")
     refused(run("render", made, *arguments), 2, "idle-option", "blur-channels")
+    arguments = (
+        "-o",
+        tmp_path / "o",
+        *LENS,
+        "1m",
+        "--highlights",
+        "auto",
+        "--blur-channels",
+        "N.X",
+    )
+    refused(run("render", made, *arguments), 2, "contradiction", "highlights")
 
 
 def moments(plane):
