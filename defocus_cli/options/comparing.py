@@ -1,7 +1,4 @@
-"""Options of comparisons: rules, what is compared, and reports.
-
-``@comparison_options()`` adds ``--fail``, … and passes ``asked: ComparisonOptions``.
-"""
+"""Options of comparisons, which commands get as ``asked``: rules, what is compared, reports."""
 
 from __future__ import annotations
 

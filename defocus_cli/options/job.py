@@ -1,7 +1,4 @@
-"""Options of jobs, made of rows of tables; the resolver parses their texts.
-
-A decorator passes one object: `output_options` passes ``outputs``, `shot_options` ``shot``, ….
-"""
+"""Options of jobs, made of rows of tables; the resolver parses their texts."""
 
 from __future__ import annotations
 
@@ -54,10 +51,7 @@ from defocus_core.system.process import cores
 
 
 def param_option(param: Param, text: str = "") -> Decorator:
-    """The option of a row; its value is a text or a path.
-
-    `text`: help, if not that of the row.
-    """
+    """The option of a row, a text or a path; `text`: help, if not that of the row."""
     settings: dict[str, Any] = {"heading": param.heading, "is_common": param.is_common}
     spelling = f"--{param.name} {param.metavar}"
     if param.toggle:
@@ -113,10 +107,7 @@ def opening_options() -> Decorator:
 def reading_options(
     are_of: Callable[[ReadingParam], bool] = lambda row: not row.of_render,
 ) -> Decorator:
-    """Pass ``reading`` to a command: how to read input files, above options of a lens file.
-
-    `are_of`: tells whether a command has the option of a row.
-    """
+    """Pass ``reading`` to a command, by options of the rows for which `are_of` is true."""
     rows = filter(are_of, READING_OPTIONS.values())
     return bundle("reading", _asked_reading, list(map(param_option, rows)))
 
@@ -200,10 +191,7 @@ def shot_lens_options(
 
 
 def others_options(command: Command) -> Command:
-    """Pass ``others`` to a command: by role, colour and depth of pictures that belong to others.
-
-    A plate may lack depth; a deep holdout and a matte have none.
-    """
+    """Pass ``others`` to a command: colour and depth of what belongs to a picture, by role."""
     rows = [INPUT_OPTIONS[name] for name in ("hidden", "over", "over-depth", "holdout", "matte")]
     return bundle("others", _others, list(map(param_option, rows)))(command)
 

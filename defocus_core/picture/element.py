@@ -36,10 +36,7 @@ _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0
 
 
 def element_depth(depth: Depth, color: Color) -> Depth:
-    """The depth of an element, repaired at edges and empty where alpha is 0.
-
-    Light without alpha, like a flame, stays where it has a depth.
-    """
+    """The depth of an element, repaired at edges, empty where neither alpha nor light is."""
     alpha = color.alpha
     if alpha is None or not (alpha < 1).any():
         return depth
@@ -84,11 +81,7 @@ class _Edges(NamedTuple):
 
 
 def _evidence(depth: Depth, alpha: Any) -> _Edges:
-    """The relation of depth and alpha at edges: averages, or two steps.
-
-    An average is linear in alpha: two pixels of one object give the depth at alpha 0, the same for
-    all pairs. Depth with no such relation stays as it is.
-    """
+    """The relation of depth and alpha at edges: averages, linear in alpha, or two steps."""
     pairs: list[NDArray[Any]] = []
     for rows in bands(alpha.shape):
         both = np.stack([np.asarray(each[rows], np.float32) for each in (alpha, depth.metres)])

@@ -80,10 +80,7 @@ def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[s
 
 
 def _at_percentile(lens: LensValues, depth: Depth) -> float:
-    """The percentile of the depth in mm, without sky and empty pixels.
-
-    It is the depth of a pixel, not a value between two surfaces.
-    """
+    """The percentile of the depth in mm, that of a pixel, without sky and empty pixels."""
     from defocus_core.optics.distributions import percentile_rank
 
     assert lens.focus_percentile is not None

@@ -164,10 +164,7 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
-    """Write the opening and the blur of a point as PNG, or the blur alone as EXR.
-
-    `radius`: of the blur, in px, signed.
-    """
+    """Write the opening and a blur of signed radius in px as PNG, or the blur alone as EXR."""
     import torch
 
     from defocus_core.io.exr.writing import write_exr

@@ -201,10 +201,7 @@ def _guided(depth: Depth, color: Color) -> NDArray[np.float32]:
 
 
 def of_arrays(job: Job, arrays: Arrays) -> Inputs:
-    """The inputs of a picture in memory.
-
-    Integers of colour are sRGB, floats linear light; the reading interprets depth.
-    """
+    """The inputs of a picture in memory; integers of colour are sRGB, floats linear light."""
     color, depth = _pair_of_arrays(job, arrays.color, arrays.depth)
     hidden = None if arrays.hidden is None else _pair_of_arrays(job, *arrays.hidden)
     if hidden is not None and hidden[0].shape != color.shape:

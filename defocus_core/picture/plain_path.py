@@ -221,10 +221,7 @@ class _Images:
             self.planes[kind.name] = tuple(np.zeros((height, width), dtype) for _ in range(count))
 
     def place(self, part: ViewTensors, of: Pass, *, first: bool = True) -> None:
-        """Copy the rendered channels and kinds of a region to their place.
-
-        The trust is the least of all colours.
-        """
+        """Copy a rendered region to its place; the trust is the least of all colours."""
         if of.order:
             part = part._replace(images=[image[list(of.order)] for image in part.images])
         top, left, height, width = part.box

@@ -22,10 +22,7 @@ FAR = (0.10, 0.35, 0.70)
 
 
 def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | None = None) -> None:
-    """Write linear, premultiplied pixels [H, W, C], C = 1…4 as Y, YA, RGB, RGBA, over black.
-
-    Attributes may declare the primaries of the pixels.
-    """
+    """Write linear, premultiplied Y, YA, RGB or RGBA [H, W, C] over black, by its primaries."""
     channels = PLAIN_CHANNELS[pixels.shape[2]]
     to_srgb = srgb_matrix(path, channels, attributes or {})
     encode = partial(display_encoded, channels=channels, bits=8, keep_alpha=False, to_srgb=to_srgb)
@@ -40,10 +37,7 @@ def write_depth_preview(path: Path, metres: Any) -> None:
 
 
 def write_signed_preview(path: Path, radius: Any) -> None:
-    """Write signed CoC radii, or another signed map, [H, W]: orange near, white at 0, blue far.
-
-    The colours are symmetric about 0; full colour is the largest finite |radius|.
-    """
+    """Write a signed map [H, W] in orange (near), white (0) and blue, up to its largest value."""
     maximum = largest(radius)
     encoded = computed(lambda rows: quantised(diverging(rows, maximum), 8), radius)
     write_samples(path, encoded, "png", {})
@@ -56,10 +50,7 @@ def largest(values: NDArray[Any]) -> float:
 
 
 def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
-    """Colours 0…1 in sRGB, [H, W, 3], of signed radii [H, W]; saturated from |radius| = full on.
-
-    NaN is black.
-    """
+    """Colours in sRGB, [H, W, 3] in 0…1, of signed radii [H, W]; saturated from `full` on."""
     amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
     amount = amount[:, :, None]
     white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))
@@ -73,10 +64,7 @@ _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 
 
 def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
-    """The red, green and blue planes [H, W], linear light.
-
-    `light`: linear light [H, W] of each colour; `radius`: signed CoC radius in px, [H, W].
-    """
+    """Red, green, blue [H, W], linear, by linear light and signed radii in px, [H, W] each."""
     maximum = largest(radius)
 
     def shown(px: NDArray[Any], *colors: NDArray[Any]) -> NDArray[Any]:

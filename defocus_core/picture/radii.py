@@ -198,10 +198,7 @@ _HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def doubt_depth(take: Take) -> Take:
-    """The take with warnings if its depth, as read, does not fit lens or files.
-
-    At most one warning concerns the radii, the strongest, and one the file.
-    """
+    """The take with warnings, two at most, if its depth does not fit lens or files."""
     declared, depth, own = take.job.reading.says_scale, take.inputs.depth, take.radii
     words = of_radii(depth, own.px, own.limits, take.lens, declared=declared)
     return replace(take, warnings=(*take.warnings, *words, *of_file(depth, declared=declared)))

@@ -135,10 +135,7 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
 
 
 def light_lamps(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the light of their lamps, unchanged if one has light above 1.
-
-    Pixels in focus do not change.
-    """
+    """The surfaces with the light of their lamps, unchanged if one has light above 1."""
     from defocus_core.tensors.clipped_lights import ClippedLights
 
     lens, colors = surfaces.take.lens, len(surfaces.take.inputs.color.light)
@@ -164,10 +161,7 @@ def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
-    """The groups of channels to render together: all, or red, blue, then all others.
-
-    Each has the px to add to the radii of the lens.
-    """
+    """The groups of channels to render together, each with the px to add to its radii."""
     color = take.inputs.color
     ends = [name.rpartition(".")[2] for name in (*color.channels, *color.passes)]
     if "R" not in color.channels:

@@ -79,9 +79,8 @@ class FoundPixel(NamedTuple):
 def subject_of(depth: Depth) -> FoundPixel:
     """The nearest surface that covers at least 8 % of the middle half of a picture.
 
-    The middle half is that of the width and of the height. A surface spans at most a sixth of the
-    disparities there. The pixel has the median disparity of the surface, is near its middle, and
-    not on the ramp of an edge.
+    It spans at most a sixth of the disparities there. The pixel has its median disparity, is near
+    its middle, and not on the ramp of an edge.
     """
     every, step = _looked_at(depth)
     middle = tuple(slice(n // 4, max(n - n // 4, 1)) for n in every.shape)
@@ -213,8 +212,7 @@ def with_blur_and_focus(
 ) -> tuple[PictureLenses, Reading]:
     """The lenses with default blur and focus for a lone picture of relative depth, and a note.
 
-    The reading is inverted if the picture shows that black is near. `whole_subject`: whether the
-    whole surface is sharp, if no lens file is given.
+    The reading is inverted if the picture shows that black is near.
     """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses, reading
@@ -253,8 +251,7 @@ def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
 def white_is_near(depth: Depth) -> float:
     """The evidence that the greatest numbers of relative depth are near: -2 to 2, 0 is none.
 
-    It compares mean ranks of pixels, as the bottom of a picture is usually nearer than its top, and
-    the middle nearer than the upper borders.
+    The bottom of a picture is usually nearer than its top, and the middle than the upper borders.
     """
     numbers = depth.metres[:: depth.metres.shape[0] // 256 + 1, :: depth.metres.shape[1] // 256 + 1]
     _, ranks, counts = np.unique(numbers, return_inverse=True, return_counts=True)
@@ -282,10 +279,7 @@ def _of_relative(
 def options_of(
     depth: Depth | None, size: tuple[int, int], given: Layer, *, whole_subject: bool = True
 ) -> dict[str, Given]:
-    """Default blur and focus of relative depth for a picture of a size, unless given.
-
-    `depth`: None if the focus is given.
-    """
+    """Default blur and focus of relative depth, unless given; no `depth` if the focus is."""
     chosen: dict[str, str] = {}
     if "blur" not in given:
         chosen["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"

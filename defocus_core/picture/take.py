@@ -1,7 +1,4 @@
-"""The types that stages pass on: a pair of inputs, a take, surfaces, passes, contents.
-
-A take is a job between its files and its outputs, with all that is known so far.
-"""
+"""The types that stages pass on; a take is a job between its files and its outputs."""
 
 from __future__ import annotations
 
@@ -279,12 +276,7 @@ def _edge_words(repair: DepthRepair) -> list[str]:
 
 
 def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
-    """The repair in plain values; None if it was off.
-
-    Its keys are ``kinds``, of noise, anti-aliased, soft-edges, ramps, displaced-edges and
-    few-levels; ``noise_px``, of radius; ``edge_width_px`` of soft edges; ``displaced_px`` of edges
-    in the median, positive outwards; ``share`` of the pixels that were changed.
-    """
+    """The repair in plain values, as `defocus help json` lists them; None if it was off."""
     if repair is None:
         return None
     kinds = {
@@ -327,12 +319,10 @@ MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
 def measures(take: Take) -> dict[str, float | None]:
-    """The measures of a picture.
+    """The measures of a picture; None where nothing is known.
 
-    Returns ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
-    pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not of
-    EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens saw what the
-    picture holds; None where nothing is known.
+    ``clipped_share``: pixels that are white in a colour, not of EXR and HDR; ``invented_share``:
+    pixels of which less than 99 % of the lens saw what the picture holds.
     """
     nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
     pixels = take.stats.get("pixels", 0)
@@ -345,10 +335,7 @@ def measures(take: Take) -> dict[str, float | None]:
 
 
 def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
-    """Mean, median and 99th percentile of the radii without sign, in px, by their keys.
-
-    `nothing`: where pixels hold nothing; None if nowhere.
-    """
+    """Mean, median and 99th percentile of |radius| in px, but of pixels that hold nothing."""
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
     if not sizes.size:
         return dict.fromkeys(RADII, 0.0)

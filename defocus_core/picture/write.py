@@ -368,10 +368,7 @@ def disparity_map(take: Take) -> NDArray[Any]:
 
 
 def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
-    """The disparity in px per px of CoC radius at the corners of cells of the frame.
-
-    It is one number if the whole frame sees the same pupil. `nearer`: for points nearer than focus.
-    """
+    """Disparity in px per px of radius at the corners of cells, or one number for the frame."""
     import torch
 
     pupil, longer = aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)

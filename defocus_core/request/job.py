@@ -1,8 +1,4 @@
-"""A job: one picture, its lens, its outputs and how to render it.
-
-Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
-Nothing here opens a file, though `Job.files` checks which exist.
-"""
+"""A job: one picture, its lens, its outputs and how to render it. Nothing here opens a file."""
 
 from __future__ import annotations
 
@@ -129,10 +125,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. Pictures depend on ``quality``.
-
-    ``tile`` changes their last digits; the other fields do not change them.
-    """
+    """How to compute: pictures depend on ``quality``, their last digits on ``tile``."""
 
     quality: str = "standard"
     device: str = "auto"

@@ -168,10 +168,7 @@ class Entry:
 
 
 def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
-    """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any.
-
-    `table`: ``[inputs]``, where patterns give pictures by name.
-    """
+    """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any."""
     table.refuse_unknown((*keys_of(INPUT_OPTIONS), "carry"))
     entries, shot = _from_files(table)
     for name in table.texts("list"):

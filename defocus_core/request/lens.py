@@ -101,10 +101,7 @@ EFFECTS = {name: value for name, value in DEFAULTS.items() if name in EFFECT_OPT
 
 
 def lens_record(lens: LensValues) -> dict[str, Any]:
-    """A lens in plain numbers and words, with units in the names; infinity is ``inf``.
-
-    If only the shape is known, the other numbers are None.
-    """
+    """A lens in plain values, infinity as ``inf``; numbers are None if only its shape is known."""
     values = {
         key: None if row.is_optics and lens.is_shape else row.recorded(getattr(lens, row.field))
         for key, row in RECORDED.items()

@@ -1,12 +1,4 @@
-"""Lens files: options of a lens and of reading, and those that ship, by name.
-
-Values are texts, with units as on the command line::
-
-    focal-length = "50mm"
-    fnumber = 1.4
-    focus = "2m"
-    blades = 6
-"""
+"""Lens files: options of a lens and of reading in TOML, and those that ship, by name."""
 
 from __future__ import annotations
 
@@ -39,10 +31,9 @@ def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> 
 
 
 def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
-    """The lens options of a lens file, for the layer below other options.
+    """The lens options of a file that the option at `where` names, for the lowest layer.
 
-    `where`: the option that names the file; `in_pixels`: others have a blur in pixels; `radii`: the
-    depth files hold radii, and options that decide radii are left out, with a note.
+    Beside a blur in pixels, options that decide radii are refused; beside radii, left out.
     """
     stored = read_lens_file(file)
     if "blur" in stored:

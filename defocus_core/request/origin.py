@@ -25,10 +25,7 @@ _MARK = b"# The jobs file of this batch, kept by defocus; it is replaced by that
 
 @dataclass(frozen=True)
 class Origin:
-    """Title, licence, source and citation of a set, empty where not given.
-
-    ``shuffle`` is the seed of the order of its samples in shards, None where they are sorted.
-    """
+    """Title, licence, source, citation and the seed of the order of samples, if given."""
 
     title: str = ""
     licence: str = ""

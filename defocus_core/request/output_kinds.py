@@ -1,11 +1,7 @@
 """Kinds of output, a row each, and the types of image files.
 
-A kind is written to ``OUT/<name>/<stem>.<ext>``. An image has the channels of the colour file and
-the type of ``--format``. A map is a float32 EXR or TIFF of one channel, named after the kind in an
-EXR.
-
-A new kind is a new row, and a line of ``help/conventions.md``; the other modules read this table. A
-map that is no depth is also named in `NO_DEPTH` of `io.depth_formats.exr_depth_channel`.
+An image has the channels of the colour file and the type of ``--format``. A map is a float32 EXR
+or TIFF of one channel, named after the kind in an EXR.
 """
 
 from __future__ import annotations
@@ -148,10 +144,7 @@ def compression(text: str) -> str:
 
 
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
-    """The format of the single file of a kind, by its suffix; None if the suffix is invalid.
-
-    `given`: the requested format, None for any.
-    """
+    """The format of the one file of a kind, by its suffix and the request; None if invalid."""
     word = suffix.lower().removeprefix(".")
     word = FORMAT_ALIASES.get(word, word)
     named = [name for name, end in SUFFIXES.items() if end == SUFFIXES.get(word)]

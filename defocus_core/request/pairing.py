@@ -52,7 +52,7 @@ Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belo
 
 @dataclass(frozen=True)
 class _Files:
-    """The files of a path by name; a lone file has an empty name.
+    """The files of a path by name, which is empty for a lone file.
 
     ``photos`` are photographs in a depth directory, used only where there is no other depth file.
     """
@@ -77,10 +77,7 @@ def find(
     frames: FrameChoice = ALL,
     carried: Mapping[str, Path] | None = None,
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
-    """The pictures of paths, and all complete frames of their shot.
-
-    `carried`: paths of labels, by role.
-    """
+    """The pictures of paths, and all complete frames of their shot; `carried`: labels by role."""
     labels = carried or {}
     every = (color, depth, *(path for pair in others.values() for path in pair), *labels.values())
     paths = [path for path in every if path is not None]

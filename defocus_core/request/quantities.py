@@ -174,10 +174,7 @@ def _is_infinite(text: str) -> bool:
 
 
 def sharp_range(text: str) -> tuple[float, float]:
-    """Nearest and farthest distance in mm, parsed from ``1.8m..2.4m``, where inf may be the end.
-
-    Without a unit, as ``100..200``, they are `Unitless`. The range includes both ends.
-    """
+    """The ends of a range in mm, parsed from ``1.8m..2.4m``; `Unitless` from ``100..200``."""
     ends = [end.strip() for end in short(text).split("..")]
     if len(ends) != 2:
         raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")

@@ -1,10 +1,8 @@
 """The resolver: the values of options, and the lens, reading and outputs that they make.
 
 Options stand in layers, each above those before it: a lens file, the metadata of a picture, the
-keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has the
-value of each option, its text, and its place for errors. The row of an option in `parameters` or
-`job_options` checks it: type and range when it is parsed; conflicts, requirements and missing
-effects when all layers are known.
+keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A row checks type
+and range when it is parsed; conflicts and missing effects are found when all layers are known.
 """
 
 from __future__ import annotations
@@ -147,10 +145,7 @@ def refuse_contradiction(layer: Layer) -> None:
 
 
 def refuse_repeated(layer: Layer, places: Mapping[str, str]) -> None:
-    """Raise UsageProblem for an option that is set in a second place for all pictures.
-
-    `places`: names to the places that set them.
-    """
+    """Raise UsageProblem for an option that another place sets for all pictures, too."""
     for name in layer.keys() & places.keys():
         problem = f"is in {places[name]}, too"
         raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
@@ -317,10 +312,7 @@ def fields_of(layer: Layer) -> dict[str, Any]:
 
 
 def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Outputs:
-    """Outputs changed by options; options without effect on them are refused.
-
-    `one_file`: the root may name the only file.
-    """
+    """Outputs changed by options that have an effect; `one_file`: the root may name a file."""
     values = fields_of(layer)
     copied = INPUTS if values.pop("inputs", None) else ()
     kinds = tuple(dict.fromkeys((*values.get("kinds", outputs.kinds), *copied)))

@@ -1,11 +1,7 @@
 """Splits of a dataset, like train and test, by the scene of a picture, so that no scene leaks.
 
-``[split]`` of a jobs file has a share for each split, with sum 1; or numbers of scenes for some
-splits (the first by hash) and shares for the others. It may have ``scene``, a pattern like ``*_##``
-for names of pictures: ``*`` is the scene, and each ``#`` a digit that tells its pictures apart.
-Without it the name of a picture is its scene, and the frames of a shot are one scene. A hash of its
-name decides the split of a scene, which therefore does not depend on other scenes; counts approach
-the shares for many scenes. A scene keeps the split that the journal has.
+A hash of its name decides the split of a scene, which therefore does not depend on other scenes. A
+scene keeps the split that the journal has. `defocus help batch` has the keys of ``[split]``.
 """
 
 from __future__ import annotations
@@ -82,11 +78,7 @@ def with_recorded(
 ) -> list[Job]:
     """Jobs whose scenes keep the recorded split of their pictures, if it still exists.
 
-    Notes count scenes kept against their hash and scenes whose split changed, and name empty
-    splits.
-
-    `recorded`: splits by the name of a picture; `all_scenes`: whether the jobs are those of all
-    scenes.
+    Notes count what is kept against its hash and what changed, and name empty splits.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:

@@ -1,13 +1,7 @@
 """Sweeps and random draws of lens options: ``[sweep]`` and ``[sample]`` of a jobs file.
 
-``[sweep]`` gives an option a list of values, or a range like ``0.5m..8m @ 12 in disparity``;
-several options make a grid. ``lenses`` lists sets of options that belong together. The name of a
-lens has the swept options alone, so that it does not change when a list grows.
-
-``[sample]`` draws ``n`` lenses for each picture and each lens of the sweep, numbered in their
-names: ``_s000``. A draw depends on ``seed`` and that name alone. An option is drawn from
-``uniform(a, b)``, ``loguniform(a, b)``, ``disparity(a, b)`` (a focus uniform in 1/distance),
-``percentile(a, b)`` (a focus uniform in the percentile of the depth) or ``choice(a, b, …)``.
+The name of a lens has the swept options alone, so that it does not change when a list grows. A draw
+depends on ``seed`` and the name of its picture and lens alone.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Deep pictures: the samples of each pixel as layers for the renderer.
 
-Surfaces behind each other are known, with their coverage; content is invented only where the file
-has none. Colour and depth are those of the flattened picture and of the first surface.
+Colour and depth are those of the flattened picture and of the first surface.
 """
 
 from __future__ import annotations

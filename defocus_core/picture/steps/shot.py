@@ -1,6 +1,5 @@
-"""Decisions that the frames of a shot share.
+"""Repair of depth and focus that the frames of a shot share, so that it does not flicker.
 
-A sample of the frames decides the repair of depth and the focus, so that the shot does not flicker.
 Every process decides anew, with the same result from the same files.
 """
 

@@ -1,7 +1,6 @@
 """The table of optional steps of the path of a picture, in their order.
 
-The module of a step is imported only if it applies. Its function takes the subject of the stage,
-and returns it changed.
+The module of a step is imported only if it applies.
 """
 
 from __future__ import annotations
