@@ -25,7 +25,11 @@ def with_focus(lens: LensValues, depth: Depth) -> LensValues:
         place = _place_of(lens, lens.focus_at, depth)  # of relative disparity
         return replace(lens, focus_value=float(depth.metres[place][0, 0]))
     if lens.focus_at is not None:
-        return replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
+        place, (x, y) = _place_of(lens, lens.focus_at, depth), lens.focus_at
+        foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
+        option = lens.focus_source.with_field("focus-at")
+        refuse_near_focus(foc_dist, lens.foclen, option, f"{depth.path} at {x},{y}: ")
+        return replace(lens, foc_dist=foc_dist)
     if lens.focus_percentile is not None:
         return replace(lens, foc_dist=_at_percentile(lens, depth))
     return lens
@@ -50,14 +54,6 @@ def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
         remedy = "give the depth of the picture, or another ‹focus-value›"
         raise InputError("no-valid-depth", problem, remedy, path=depths[0].path)
     return replace(lens, blur_reach=reach or 1.0)
-
-
-def _at_pixel(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> float:
-    """The depth in mm of a pixel."""
-    foc_dist = float(depth.metres[_place_of(lens, pixel, depth)][0, 0]) * MM_PER_M
-    at = f"{depth.path} at {pixel[0]},{pixel[1]}: "
-    refuse_near_focus(foc_dist, lens.foclen, lens.focus_source.with_field("focus-at"), at)
-    return foc_dist
 
 
 def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:

@@ -123,7 +123,7 @@ def _rendered(
         seconds=time.perf_counter() - begun[0],
         cpu_seconds=time.process_time() - begun[1],
         stats=stats,
-        warnings=(*take.warnings, *_idle(take, surfaces), *_clamp_warning(renderer.stats)),
+        warnings=(*take.warnings, *_doubts(take, surfaces, renderer.stats)),
     )
 
 
@@ -169,21 +169,14 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
         yield each, Renderer(scene, each.settings)
 
 
-def _idle(take: Take, surfaces: Surfaces) -> list[str]:
-    """A warning if a given width of edges had no effect."""
+def _doubts(take: Take, surfaces: Surfaces, stats: Mapping[str, float]) -> Iterator[str]:
+    """Warnings of a width of edges without effect, and of many negative pixels of left or right."""
     width = take.job.reading.edge_width
-    if width is None or surfaces.repair.fraction or take.inputs.plate:
-        return []
-    return [f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"]
-
-
-def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
-    """A warning if many pixels of left or right were negative."""
-    fraction = stats.get("pixels_clamped", 0) / stats["pixels"]
-    if fraction < _MANY_CLAMPED:
-        return []
-    why = "detail as fine as a pixel overshoots in half a lens"
-    return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
+    if width is not None and not (surfaces.repair.fraction or take.inputs.plate):
+        yield f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"
+    if (fraction := stats.get("pixels_clamped", 0) / stats["pixels"]) >= _MANY_CLAMPED:
+        why = "detail as fine as a pixel overshoots in half a lens"
+        yield f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"
 
 
 def _of_all(

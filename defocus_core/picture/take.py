@@ -156,11 +156,6 @@ class Take:
         return self.inputs.depth.size
 
     @property
-    def reads_hidden(self) -> bool:
-        """Whether the file of hidden surfaces is needed."""
-        return self.job.outputs.need_rendering and self.job.picture.hidden is not None
-
-    @property
     def metres(self) -> Any:
         """Planar depth in metres [H, W]; None if the file holds radii."""
         return None if self.inputs.depth.is_radius else self.inputs.depth.metres
@@ -203,16 +198,6 @@ class Surfaces:
     matte: Tensor | None = None  # [H, W], the coverage of the subject, or None
     # number of clipped lights that were made brighter; None if not requested
     lamps: int | None = None
-
-    @property
-    def is_repaired(self) -> bool:
-        """Whether its depth may be repaired, which deep pixels do not need."""
-        return bool(self.colors) and self.take.job.reading.depth_repair != "off"
-
-    @property
-    def has_matte(self) -> bool:
-        """Whether a coverage of the subject is used; layers have their own."""
-        return self.take.inputs.matte is not None and self.take.inputs.layers is None
 
 
 class Pass(NamedTuple):

@@ -102,11 +102,6 @@ class Outputs:
         return any(kind.rendered for kind in self.rows)
 
     @property
-    def writes_exr(self) -> bool:
-        """Whether a written file is an EXR."""
-        return any(Path(name).suffix.lower() == ".exr" for name in self.names("a").values())
-
-    @property
     def folders(self) -> tuple[Path, ...]:
         """The folders that files are written to."""
         return (self.root,) if self.file else tuple(self.root / k for k in self.kinds + self.labels)

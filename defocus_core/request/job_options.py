@@ -296,7 +296,7 @@ _ROWS = (
         metavar="CODEC",
         help=f"EXR compression: {', '.join(COMPRESSIONS)} (that of the colour file). dwaa:45 sets "
         f"a level and is lossy.  [default: {Outputs.compression}]",
-        suits=lambda outputs: outputs.writes_exr,
+        suits=lambda outputs: any(n.lower().endswith(".exr") for n in outputs.names("").values()),
         idle="is for EXR, and no EXR is written",
     ),
     OutputParam(

@@ -110,15 +110,6 @@ class LensParam(Param):
     file_field: str = ""  # the field of the path, if the value may be a file
     never_off: bool = False  # whether every lens has it, so that it is not an effect
 
-    @property
-    def is_ranged(self) -> bool:
-        """Whether its value can be drawn from a range."""
-        return bool(self.even_in) and not self.separator
-
-    def field_of(self, value: object) -> str:
-        """The field of a value."""
-        return self.file_field if isinstance(value, Path) else self.field
-
     def recorded(self, value: object) -> object:
         """A value for records: a number, a word, or the text of several; None for NaN."""
         if isinstance(value, Path):

@@ -269,7 +269,9 @@ def lens_of(options: Layer, draw: Draw | None = None) -> LensValues:
         if isinstance(focus, Distribution) and focus.kind == "percentile":
             values["focus"] = Percentile(values["focus"])
     fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
-    fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
+    for name, value in values.items():
+        row = LENS_OPTIONS[name]
+        fields[row.file_field if isinstance(value, Path) else row.field] = value
     sharp = fields.get("sharp_range")
     if sharp is not None and "blur" in fields and not fields.keys() & {"focus_at", "focus_value"}:
         fields["focus_value"] = sum(sharp) / 2
@@ -293,7 +295,8 @@ def distribution(name: str, text: str) -> Distribution | None:
         return None
     from defocus_core.optics.distributions import Distribution
 
-    if kind != "choice" and not LENS_OPTIONS[name].is_ranged:
+    row = LENS_OPTIONS[name]
+    if kind != "choice" and (row.separator or not row.even_in):
         raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
     if kind in ("disparity", "percentile") and name != "focus":
         raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")

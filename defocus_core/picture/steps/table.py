@@ -101,7 +101,11 @@ READ: tuple[Step[Take], ...] = (
         lambda t: t.job.picture.matte is not None,
     ),
     Step("steps.deep:read", "samples lie behind each other", _is_deep),
-    Step("steps.companions:read_hidden", "a file has what is hidden", lambda t: t.reads_hidden),
+    Step(
+        "steps.companions:read_hidden",
+        "a file has what is hidden",
+        lambda t: t.job.outputs.need_rendering and t.job.picture.hidden,
+    ),
 )
 # The lens and its radii.
 LENS: tuple[Step[Take], ...] = (
@@ -120,8 +124,16 @@ RADII: tuple[Step[Take], ...] = (
 # The scene, and its passes.
 SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
-    Step("steps.companions:show_matte", "its subject has a coverage", lambda s: s.has_matte),
-    Step("scene:repair_surfaces", "depth is repaired", lambda s: s.is_repaired),
+    Step(
+        "steps.companions:show_matte",
+        "its subject has a coverage; layers have their own",
+        lambda s: s.take.inputs.matte is not None and s.take.inputs.layers is None,
+    ),
+    Step(
+        "scene:repair_surfaces",
+        "depth is repaired, unless deep",
+        lambda s: s.colors and s.take.job.reading.depth_repair != "off",
+    ),
     Step("scene:light_lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
     Step("steps.companions:show_hidden", "what is hidden is known", lambda s: s.take.inputs.hidden),
 )
