@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +18,7 @@ from defocus_core.picture.opening import aperture_in_pixels
 from defocus_core.request.job import Job, PictureFiles, Reading
 from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import Kind
-from defocus_core.system.text import counted, percent
+from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -229,35 +228,12 @@ class Contents(NamedTuple):
 
 
 def repair_words(repair: DepthRepair | None) -> str:
-    """The repair of the depth before rendering, in words; empty without one."""
-    if repair is None:
+    """The record of a repair in one line, for people and headers; empty if nothing was changed."""
+    values = repair_record(repair)
+    if values is None or not values["kinds"]:
         return ""
-    done = []
-    if repair.noise is not None:
-        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
-    done += _edge_words(repair)
-    if repair.quantised:
-        done.append("of few levels, smoothed between them")
-    if done and repair.fraction:
-        done.append(f"{percent(repair.fraction)} of the pixels changed")
-    return "; ".join(done)
-
-
-def _edge_words(repair: DepthRepair) -> list[str]:
-    """The findings at edges, in one phrase."""
-    found = []
-    if repair.antialiased is not None:
-        found.append(f"averaged in {'disparity' if math.isinf(repair.antialiased) else 'distance'}")
-    elif repair.least_slope is not None:
-        of = "" if repair.ramps_of is None else " in distance"
-        over = "" if repair.edge_width is None else f" over {repair.edge_width:.3g} px"
-        found.append(f"soft{of}{over}")
-    if repair.edge_shifts is not None:
-        shift = round(repair.edge_shifts.median, 1)
-        found.append(
-            f"{abs(shift)} px too {'far out' if shift > 0 else 'far in'}" if shift else "uneven"
-        )
-    return [f"edges {' and '.join(found)}, made hard where the colours change"] if found else []
+    numbers = (f"{name}={value:g}" for name, value in values.items() if isinstance(value, float))
+    return f"repaired {', '.join(values['kinds'])}: {', '.join(numbers)}"
 
 
 def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
@@ -280,15 +256,6 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
         "displaced_px": _round(shift),
         "share": _round(repair.fraction),
     }
-
-
-def repair_attribute(repair: DepthRepair | None) -> str:
-    """The record in one line, for an EXR header; empty if nothing was changed."""
-    values = repair_record(repair)
-    if values is None or not values["kinds"]:
-        return ""
-    numbers = (f"{name}={value:g}" for name, value in values.items() if isinstance(value, float))
-    return " ".join((",".join(values["kinds"]), *numbers))
 
 
 def _round(value: float | None) -> float | None:

@@ -21,7 +21,7 @@ from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import link_or_copy, written_together
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, apply_steps
-from defocus_core.picture.take import Contents, Take, repair_attribute
+from defocus_core.picture.take import Contents, Take, repair_words
 from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
@@ -278,7 +278,7 @@ def _repair(take: Take, kind: Kind) -> dict[str, str]:
         asked.append(f"‹edge-width› {reading.edge_width:g}px")
     values = {
         "depth_repair_asked": with_dashes(" ".join(asked)),
-        "depth_repair": repair_attribute(take.repair),
+        "depth_repair": repair_words(take.repair),
     }
     return {name: value for name, value in values.items() if value}
 

@@ -61,11 +61,6 @@ def times(shape: Iterable[int]) -> str:
     return " × ".join(map(str, shape)) or "no"
 
 
-def percent(share: float) -> str:
-    """A share of all, like ``0.25 %`` or ``100 %``."""
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
-
-
 _LOGGER = getLogger("defocus_core")
 
 

@@ -100,12 +100,10 @@ def depths():
         3.0,
     )
     return {
-        "of few levels, smoothed between them": [
-            1 / (0.1 + 1.5 * share) for share in (np.round(47 * level) / 47, level)
-        ],
-        "px of radius, smoothed within surfaces": [1 / (0.4 + noise), 1 / (0.4 + 0 * noise)],
-        "edges soft": [1 / (0.5 - 0.4 * share) for share in edge],
-        "edges averaged in distance": [fine.reshape(96, 8, 144, 8).mean((1, 3)), fine[4::8, 4::8]],
+        "few-levels": [1 / (0.1 + 1.5 * share) for share in (np.round(47 * level) / 47, level)],
+        "repaired noise": [1 / (0.4 + noise), 1 / (0.4 + 0 * noise)],
+        "soft-edges": [1 / (0.5 - 0.4 * share) for share in edge],
+        "anti-aliased": [fine.reshape(96, 8, 144, 8).mean((1, 3)), fine[4::8, 4::8]],
     }
 
 
@@ -113,7 +111,7 @@ def depths():
 def test_a_fault_of_depth_that_is_repaired_is_said(note, tmp_path):
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
-    lens += ("--sensor-width", "4mm") * (note == "edges soft")
+    lens += ("--sensor-width", "4mm") * (note == "soft-edges")
     for name, metres, said in zip(("bad", "good"), depths()[note], (True, False), strict=True):
         depth = depth_exr(tmp_path / f"{name}.exr", metres.astype(np.float32))
         out = ("-o", tmp_path / name, "--outputs", "render,coc")

@@ -25,7 +25,7 @@ def test_a_frame_without_noise_does_not_decide_for_itself(tmp_path):
     patterns = still(tmp_path, 6)
     depth_exr(tmp_path / "z.0003.exr", np.full((HEIGHT, WIDTH), 3.0, np.float32))
     photograph(*patterns, "-o", tmp_path / "out")
-    assert all("noisy by" in record["depth_note"] for record in records(tmp_path / "out"))
+    assert all("repaired noise" in record["depth_note"] for record in records(tmp_path / "out"))
 
 
 def test_depth_without_noise_makes_the_bytes_of_a_plain_batch(tmp_path):

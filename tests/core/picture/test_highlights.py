@@ -116,4 +116,4 @@ def test_the_light_of_lamps_does_not_guide_the_repair_of_depth(tmp_path):
         record = json.loads((tmp_path / word / "journal.jsonl").read_text().splitlines()[-1])
         notes.append((record["depth_note"], record["depth_repair"]))
     assert notes[0] == notes[1]
-    assert "edges" in notes[0][0]
+    assert "repaired" in notes[0][0]

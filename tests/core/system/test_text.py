@@ -1,4 +1,4 @@
-"""Texts for people, shares, and command lines that mean to a shell what they say."""
+"""Command lines that mean to a shell what they say."""
 
 import shutil
 import subprocess
@@ -6,15 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.system.text import command_line, percent
-
-
-@pytest.mark.parametrize(
-    ("share", "words"), [(1.0, "100 %"), (0.995, "100 %"), (0.031, "3.1 %"), (0.0004, "0.04 %")]
-)
-def test_shares_are_told_in_percent(share, words):
-    assert percent(share) == words
-
+from defocus_core.system.text import command_line
 
 WORDS = ["plain", "a b", "$HOME `id` \"'", "line\nbreak", "tab\tbell\a", "über", "-", "", "\\x41"]
 
