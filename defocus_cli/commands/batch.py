@@ -87,10 +87,7 @@ def shard_of(text: str) -> Shard:
     show_default=True,
 )
 @option("--overwrite", "Do all jobs again, also finished ones.")
-@option(
-    "--new-only",
-    "Do only the jobs without outputs; keep existing outputs, whatever changed.",
-)
+@option("--new-only", "Do only the jobs without outputs; keep existing outputs, whatever changed.")
 @dataset_options
 @contact_option
 @option("--dry-run", "Show the jobs to do, the reasons and the memory, without rendering.")

@@ -40,11 +40,7 @@ _QUALITIES = ("standard", "high")
 @option("--device", "", DEVICES, default="auto", show_default=True)
 @json_option
 def command(
-    truth: Path | None,
-    qualities: tuple[str, ...],
-    threads: int | None,
-    device: str,
-    as_json: bool,
+    truth: Path | None, qualities: tuple[str, ...], threads: int | None, device: str, as_json: bool
 ) -> None:
     """Render scenes with known truth and print the error and the time of each shot.
 

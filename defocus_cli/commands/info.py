@@ -34,10 +34,7 @@ from defocus_core.system.text import counted
 @reading_options(lambda row: not (row.of_render or row.name == "resize-depth"))
 @json_option
 def command(
-    files: tuple[Path, ...],
-    lenses: PictureLenses | None,
-    reading: Reading,
-    as_json: bool,
+    files: tuple[Path, ...], lenses: PictureLenses | None, reading: Reading, as_json: bool
 ) -> None:
     """Show the content of colour and depth files, as 'defocus render' would read them.
 

@@ -6,12 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options.shared import (
-    FilePath,
-    GroupedCommand,
-    json_option,
-    output_option,
-)
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, output_option
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.errors import InputError

@@ -70,10 +70,7 @@ Examples:
 @check_inputs_option
 @json_option
 @verbose_option
-@option(
-    "--dry-run",
-    "Show the files to read and write and the memory, without rendering.",
-)
+@option("--dry-run", "Show the files to read and write and the memory, without rendering.")
 def command(
     color: Path,
     depth: Path | None,

@@ -8,13 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.options.shared import (
-    Decorator,
-    FilePath,
-    ReportPath,
-    bundle,
-    option,
-)
+from defocus_cli.options.shared import Decorator, FilePath, ReportPath, bundle, option
 from defocus_cli.words.console import Failures
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.run import CAUSES, FIRST, Task

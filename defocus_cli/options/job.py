@@ -160,10 +160,7 @@ def shot_lens_options(
     ]
 
     def make(
-        lens_file: Path | None,
-        metadata: bool,
-        animate: tuple[str, ...] = (),
-        **values: Any,
+        lens_file: Path | None, metadata: bool, animate: tuple[str, ...] = (), **values: Any
     ) -> PictureLenses | None:
         own = given_options(values, LENS_OPTIONS)
         if not (required or own or animate or metadata or lens_file is not None):
@@ -174,11 +171,7 @@ def shot_lens_options(
 
             animation = read_animation(animate)
         lenses = PictureLenses(
-            own,
-            file=lens_file,
-            reading=reading,
-            animation=animation,
-            metadata=metadata,
+            own, file=lens_file, reading=reading, animation=animation, metadata=metadata
         )
         try:
             _ = lenses.fixed  # raises errors before pictures are searched

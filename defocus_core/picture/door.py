@@ -263,10 +263,7 @@ class Lens:
     def _values(self, picture: Picture, reading: Reading) -> tuple[LensValues, Reading]:
         """The lens for a picture, and the reading of its depth."""
         lenses = PictureLenses(
-            own=self._layer,
-            file=self._file,
-            reading=reading,
-            metadata=self._metadata,
+            own=self._layer, file=self._file, reading=reading, metadata=self._metadata
         )
         if not lenses.is_complete:
             from defocus_core.picture import subject

@@ -33,13 +33,7 @@ from defocus_core.request.lens import LensValues
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import Unitless
-from defocus_core.request.resolver import (
-    Given,
-    Layer,
-    missing_options,
-    missing_words,
-    parsed,
-)
+from defocus_core.request.resolver import Given, Layer, missing_options, missing_words, parsed
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, as a share of the longer side

@@ -205,10 +205,7 @@ _READING = (
         help="Depth channel of an EXR, or array of an NPZ or HDF5.",
     ),
     ReadingParam(
-        name="color-layer",
-        metavar="NAME",
-        help="Colour layer of an EXR.",
-        of_pictures=True,
+        name="color-layer", metavar="NAME", help="Colour layer of an EXR.", of_pictures=True
     ),
     ReadingParam(
         name="blur-channels",
@@ -363,12 +360,7 @@ _INPUTS = (
         help="Plate behind the element COLOR; both are blurred as one scene. Its depth comes from "
         "‹over-depth› or from the EXR; without either it is infinitely far.",
     ),
-    _file(
-        name="over-depth",
-        is_path=True,
-        metavar="DEPTH",
-        help="Depth of the plate.",
-    ),
+    _file(name="over-depth", is_path=True, metavar="DEPTH", help="Depth of the plate."),
     _file(
         name="holdout",
         key="holdout-color",

@@ -32,10 +32,7 @@ from defocus_core.request.resolver import Layer
 from defocus_core.system.text import note
 
 COLOR_SUFFIXES = frozenset(
-    {
-        *(".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"),
-        *(".heic", ".heif"),
-    }
+    {*(".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"), *(".heic", ".heif")}
 )
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
 OWN_DEPTH_SUFFIXES = PHOTO_SUFFIXES | {".heic", ".heif"}  # of photographs that may hold their depth
@@ -150,11 +147,7 @@ def _refuse_frames(color: Path, depth: Path) -> None:
 
 
 def _shot(
-    color: Path,
-    depth: Path | None,
-    others: Others,
-    root: Path,
-    frames: FrameChoice,
+    color: Path, depth: Path | None, others: Others, root: Path, frames: FrameChoice
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
     """The wanted frames of patterns, with a note on incomplete ones, and all frames."""
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
