@@ -368,7 +368,7 @@ class Views:
         outputs.root.mkdir(parents=True, exist_ok=True)
         said = plain_path.write(take).warnings[len(self._take.warnings) :]
         self.warnings = tuple(dict.fromkeys((*self.warnings, *said)))
-        _warn(said, 3)
+        _warn(said)
         return take.job.paths
 
     def _arrays(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
@@ -459,16 +459,24 @@ def read(
     return picture
 
 
-def render(picture: Any = None, lens: Any = None, **options: Any) -> Any:
+def render(
+    picture: Any = None,
+    lens: Any = None,
+    *,
+    left_right: bool = False,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Any:
     """Defocus a picture with a lens.
 
     Args:
         picture: A `Picture`; or an image tensor [C, H, W] or [B, C, H, W], linear light.
         lens: A `Lens`; None for a suitable blur and focus of relative depth. With a tensor, the
             signed radii in px, [H, W] or [B, 1, H, W].
-        **options: left_right: whether to render left and right; progress: called with (tiles done,
-        tiles in all); quality, threads, tile, memory and device, as on the command line. With a
-        tensor, those of `defocus_core.renderer.render.render`.
+        left_right: Whether to render left and right.
+        progress: Called with (tiles done, tiles in all).
+        **options: quality, threads, tile, memory and device, as on the command line. With a
+            tensor, those of `defocus_core.renderer.render.render`.
 
     Returns:
         `Views` of a picture; with tensors, views that are tensors in the shape of the image.
@@ -480,29 +488,18 @@ def render(picture: Any = None, lens: Any = None, **options: Any) -> Any:
     if not isinstance(picture, Picture):
         from defocus_core.renderer.render import render as render_tensors
 
-        return render_tensors(*(x for x in (picture, lens) if x is not None), **options)
-    return _render(picture, Lens() if lens is None else lens, **options)
-
-
-def _render(
-    picture: Picture,
-    lens: Lens,
-    *,
-    left_right: bool = False,
-    progress: Progress | None = None,
-    **machine: Any,
-) -> Views:
-    """The views of a picture."""
+        tensors = (each for each in (picture, lens) if each is not None)
+        return render_tensors(*tensors, left_right=left_right, progress=progress, **options)
+    lens = Lens() if lens is None else lens
     if not isinstance(lens, Lens):
         raise ValueError(f"lens must be a Lens, got {type(lens).__name__}; Lens('50mm', …) is one")
     kinds = ("render", *(("left", "right") if left_right else ()), "coc", "trust")
-    options = {"device": picture.device, **machine}
-    asked = fields_of(_layer(options, MACHINE_OPTIONS, ("left_right", "progress")))
+    layer = _layer({"device": picture.device, **options}, MACHINE_OPTIONS, "left_right", "progress")
     plain_path.load()
     with settings_kept():
-        take = _prepared(picture, lens, kinds, Machine(**{"threads": cores(), **asked}))
-        take = plain_path.compute(take, progress)
-    _warn(take.warnings, 4)
+        machine = Machine(**{"threads": cores(), **fields_of(layer)})
+        take = plain_path.compute(_prepared(picture, lens, kinds, machine), progress)
+    _warn(take.warnings)
     return Views(take)
 
 
@@ -521,13 +518,12 @@ def _focus(focus: str | float | None) -> dict[str, str | None]:
     return {"focus": "inf" if focus == math.inf else f"{focus:.9g}m"}
 
 
-def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], more: Sequence[str] = ()) -> Layer:
-    """The options of keywords; `more`: other allowed keywords."""
+def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], *more: str) -> Layer:
+    """The options of keywords; `more`: other keywords that errors propose."""
     given = {name.replace("_", "-"): value for name, value in values.items()}
     for name in given:
         if name not in rows or rows[name].only == "files":
-            word, words = (each.replace("-", "_") for each in (name, ", ".join(rows)))
-            every = [*words.split(", "), *more]
+            word, *every = (each.replace("-", "_") for each in (name, *rows, *more))
             known = did_you_mean(word, every, f"there are {', '.join(every)}")
             remedy = gone.remedy("option", name, otherwise=known)
             raise UsageProblem("unknown-name", "is not an option", remedy, field=word)
@@ -551,7 +547,7 @@ def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes
         return path.read_bytes()
 
 
-def _warn(words: Sequence[str], calls: int) -> None:
-    """Warn of assumptions, at the line of a caller `calls` levels above."""
+def _warn(words: Sequence[str]) -> None:
+    """Warn of assumptions, at the line that calls the function of the library."""
     for each in words:
-        warnings.warn(each, stacklevel=calls)
+        warnings.warn(each, stacklevel=3)
