@@ -16,9 +16,7 @@ from defocus_core.io.exr.channel_choice import choose_color, in_view, require_pa
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
-from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.raster import PLAIN_CHANNELS
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.steps.table import PAIR, WINDOW, apply_steps
@@ -202,6 +200,8 @@ def _guided(depth: Depth, color: Color) -> NDArray[np.float32]:
 
 def of_arrays(job: Job, arrays: Arrays) -> Inputs:
     """The inputs of a picture in memory; integers of colour are sRGB, floats linear light."""
+    from defocus_core.io.images.color_space import unit
+
     color, depth = _pair_of_arrays(job, arrays.color, arrays.depth)
     hidden = None if arrays.hidden is None else _pair_of_arrays(job, *arrays.hidden)
     if hidden is not None and hidden[0].shape != color.shape:
@@ -219,6 +219,9 @@ def of_arrays(job: Job, arrays: Arrays) -> Inputs:
 
 def _pair_of_arrays(job: Job, color: NDArray[Any], depth: NDArray[Any]) -> tuple[Color, Depth]:
     """The colour and the depth of arrays."""
+    from defocus_core.io.images.color_space import linear_light, unit
+    from defocus_core.io.images.raster import PLAIN_CHANNELS
+
     if color.ndim not in (2, 3) or depth.ndim != 2 or not color.size or not depth.size:
         got = f"{list(color.shape)} and {list(depth.shape)}"
         raise ValueError(f"color must be [H, W, C] and depth [H, W], got {got}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pkgutil import resolve_name
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from defocus_core.io.images.describe import describe
 from defocus_core.picture.take import Contents, InputPair, Pass, Surfaces, Take
@@ -21,7 +21,6 @@ class Step(Generic[T]):
     """A row of the table."""
 
     name: str  # name of its function, in a module beside or above this one
-    when: str  # purpose, for readers of the table
     applies: Callable[[T], object]  # tells from the subject of the stage whether the step applies
 
     @property
@@ -80,78 +79,59 @@ def _may_end(contents: Contents) -> bool:
     return kind.image and bool(kind.rendered) and is_cut and not lit
 
 
-# Files: an element and its plate, before and after decoding; then companions.
+# Files before decoding: an element has the overscan of its plate.
 WINDOW: tuple[Step[InputPair], ...] = (
-    Step(
-        "steps.companions:window_of_plate",
-        "an element has the overscan of its plate",
-        lambda p: p.picture.over,
-    ),
-    Step("pair:read_overscan", "pixels beyond the picture are read", lambda p: p.has_overscan),
+    Step("steps.companions:window_of_plate", lambda p: p.picture.over),
+    Step("pair:read_overscan", lambda p: p.has_overscan),
 )
+# Decoded files: depth gets the size of the colour, and is empty where an element is.
 PAIR: tuple[Step[InputPair], ...] = (
-    Step("pair:resized", "depth has the size of the colour", lambda p: p.differs),
-    Step("element:empty_where_clear", "it is empty somewhere", lambda p: p.color.alpha is not None),
+    Step("pair:resized", lambda p: p.differs),
+    Step("element:empty_where_clear", lambda p: p.color.alpha is not None),
 )
+# What belongs to a picture.
 READ: tuple[Step[Take], ...] = (
-    Step("steps.companions:read_plate", "a plate lies below", lambda t: t.job.picture.over),
-    Step(
-        "steps.companions:read_matte",
-        "its subject is cut out",
-        lambda t: t.job.picture.matte is not None,
-    ),
-    Step("steps.deep:read", "samples lie behind each other", _is_deep),
+    Step("steps.companions:read_plate", lambda t: t.job.picture.over),
+    Step("steps.companions:read_matte", lambda t: t.job.picture.matte is not None),
+    Step("steps.deep:read", _is_deep),
     Step(
         "steps.companions:read_hidden",
-        "a file has what is hidden",
         lambda t: t.job.outputs.need_rendering and t.job.picture.hidden,
     ),
 )
-# The lens and its radii.
+# The focus, by all frames of a shot or by the picture.
 LENS: tuple[Step[Take], ...] = (
-    Step("steps.shot:lens", "frames find the focus", _frames_focus),
-    Step("focus:find_focus", "the picture decides the focus", _lens_is_found),
+    Step("steps.shot:lens", _frames_focus),
+    Step("focus:find_focus", _lens_is_found),
 )
+# Radii: those of a plate stand where its element is empty, and frames repair depth together.
 RADII: tuple[Step[Take], ...] = (
-    Step(
-        "steps.companions:radii_of_both",
-        "the plate shows where nothing is",
-        lambda t: t.inputs.plate,
-    ),
-    Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
-    Step("steps.shot:radii", "frames repair depth together", _frames_repair),
+    Step("steps.companions:radii_of_both", lambda t: t.inputs.plate),
+    Step("radii:doubt_depth", lambda t: not t.inputs.depth.is_exact),
+    Step("steps.shot:radii", _frames_repair),
 )
-# The scene, and its passes.
+# The scene; layers have their own coverage, and deep pixels need no repair.
 SCENE: tuple[Step[Surfaces], ...] = (
-    Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
+    Step("scene:stack_layers", lambda s: s.take.inputs.layers),
     Step(
         "steps.companions:show_matte",
-        "its subject has a coverage; layers have their own",
         lambda s: s.take.inputs.matte is not None and s.take.inputs.layers is None,
     ),
     Step(
         "scene:repair_surfaces",
-        "depth is repaired, unless deep",
         lambda s: s.colors and s.take.job.reading.depth_repair != "off",
     ),
-    Step("scene:light_lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
-    Step("steps.companions:show_hidden", "what is hidden is known", lambda s: s.take.inputs.hidden),
+    Step("scene:light_lamps", lambda s: s.take.lens.highlights),
+    Step("steps.companions:show_hidden", lambda s: s.take.inputs.hidden),
 )
+# Renderings of the scene: colours that focus apart; of layers, alpha is the coverage.
 PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
-    Step("scene:pass_colors", "colours focus apart", lambda p: p[0].take.lens.axial_color),
-    Step("scene:pass_coverage", "alpha is the coverage", lambda p: p[0].take.inputs.layers),
+    Step("scene:pass_colors", lambda p: p[0].take.lens.axial_color),
+    Step("scene:pass_coverage", lambda p: p[0].take.inputs.layers),
 )
-# The planes of a file to write.
+# The planes of a file to write, without pixels beyond the picture and borders without light.
 WRITE: tuple[Step[Contents], ...] = (
-    Step("write:add_noise", "the sensor is noisy", _is_noisy),
-    Step(
-        "write:cut_overscan",
-        "pixels beyond the picture are cut, or kept",
-        lambda c: any(c.take.inputs.color.overscan),
-    ),
-    Step("write:cut_border", "a border without light is cut", _may_end),
-)
-STAGES: tuple[tuple[Step[Any], ...], ...] = (
-    *(WINDOW, PAIR, READ, LENS),
-    *(RADII, SCENE, PASSES, WRITE),
+    Step("write:add_noise", _is_noisy),
+    Step("write:cut_overscan", lambda c: any(c.take.inputs.color.overscan)),
+    Step("write:cut_border", _may_end),
 )

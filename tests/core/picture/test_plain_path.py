@@ -13,7 +13,7 @@ from command_line import color_exr, depth_exr
 from counting import calls
 
 from defocus_core.picture import plain_path, steps
-from defocus_core.picture.steps.table import STAGES
+from defocus_core.picture.steps import table
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.lens import LensValues
 
@@ -22,7 +22,8 @@ OTHER_FILES = {
     *("array_files", "chroma", "color_space", "deep_layers", "deep_samples", "encode"),
     *("file_types", "lens_metadata", "photo_depth", "raster", "sidecars"),
 }
-STEPS = [step for stage in STAGES for step in stage]
+STAGES = ("WINDOW", "PAIR", "READ", "LENS", "RADII", "SCENE", "PASSES", "WRITE")
+STEPS = [step for stage in STAGES for step in getattr(table, stage)]
 
 
 def job(folder, **lens):
