@@ -131,68 +131,56 @@ def averaged(
     return values * 0.25**level, (middles[0], middles[1])
 
 
-# Coarse pixels from one block of pixels to the next: larger products would be mostly with
-# zeros.
-_STRIDE = 8
-
-
 class AxisWeights(NamedTuple):
-    """The shares of coarse px in pixels along an axis, the same in all blocks of pixels."""
+    """The coarse pixels next to each of P pixels along an axis, and their shares in it."""
 
-    block: Tensor  # [P, K] shares of K coarse pixels in the P pixels of a block
-    lead: int  # the first coarse pixel of the first block; missing coarse pixels count as 0
-    pixels: int
+    taps: Tensor  # [T, P] their numbers
+    share: Tensor  # [T, P]; 0 of coarse pixels that are missing
 
 
-def cubic_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisWeights:
-    """The cubic of Keys 1981 with a = -1/2."""
-    away, lead = _away(first, pixels, step, 2, like)
+def cubic_weights(first: float, pixels: int, step: float, length: int, like: Tensor) -> AxisWeights:
+    """The cubic of Keys 1981 with a = -1/2, of `length` coarse pixels.
+
+    `first`: the place of the first of so many pixels among coarse pixels; `step`: from one pixel to
+    the next.
+    """
+    away, index = _taps(first, pixels, step, 2)
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
-    block = torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
-    return AxisWeights(sent(block, like), lead, pixels)
+    return _weights(
+        torch.where(away < 1, near, torch.where(away < 2, far, 0.0)), index, length, like
+    )
 
 
-def linear_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisWeights:
+def linear_weights(
+    first: float, pixels: int, step: float, length: int, like: Tensor
+) -> AxisWeights:
     """Linear interpolation, without overshoot beside an edge; arguments of `cubic_weights`."""
-    away, lead = _away(first, pixels, step, 1, like)
-    return AxisWeights(sent((1 - away).clamp(min=0), like), lead, pixels)
+    away, index = _taps(first, pixels, step, 1)
+    return _weights((1 - away).clamp(min=0), index, length, like)
 
 
-def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
-    """Distances from each pixel of a block to the coarse pixels in reach, and the first of those.
+def _taps(first: float, pixels: int, step: float, reach: int) -> tuple[Tensor, Tensor]:
+    """Distances [T, P] from pixels to the coarse pixels in reach, and the numbers of these."""
+    position = torch.arange(pixels, dtype=torch.float64) * step + first
+    index = position.floor() + torch.arange(1 - reach, reach + 1)[:, None]
+    return (position - index).abs(), index.long()
 
-    Distances are the same in all blocks, which begin whole numbers of coarse pixels apart. As they
-    are few, they are on the CPU.
-    """
-    block = min(pixels, round(_STRIDE / step))
-    lead = math.floor(first) - reach + 1
-    start = torch.arange(block, dtype=like.dtype) * step + (first - lead)
-    taps = math.floor(first - lead + (block - 1) * step) + reach + 1
-    tap = torch.arange(taps, dtype=like.dtype)
-    return (start[:, None] - tap).abs(), lead
+
+def _weights(share: Tensor, index: Tensor, length: int, like: Tensor) -> AxisWeights:
+    inside = index.clamp(0, length - 1)
+    return AxisWeights(inside.to(like.device), sent(share * (inside == index), like))
 
 
 def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor:
-    """Coarse pixels [..., h, w] interpolated at pixels [..., H, W].
-
-    Computed in full precision, even where `torch.set_float32_matmul_precision` allows products in
-    TensorFloat32 or bfloat16, which are too coarse for a picture.
-    """
-    if values.dtype == torch.float32 and _products_are_rounded():
-        double = (
-            fractions._replace(block=fractions.block.double()) for fractions in (rows, columns)
-        )
-        return resampled(values.double(), *double).float()
-    h, w = values.shape[-2:]
-    missing = (*_missing(columns, w), *_missing(rows, h))
-    if any(missing):
-        values = pad(values, missing)
-    across = values.unfold(-1, columns.block.shape[1], _STRIDE)  # [..., h, n, K]
-    wide = across.reshape(-1, across.shape[-1]) @ columns.block.mT
-    wide = wide.view(*across.shape[:-2], -1)[..., : columns.pixels]
-    down = wide.unfold(-2, rows.block.shape[1], _STRIDE).mT  # [..., n, K, W]
-    return _products(rows.block, down).flatten(-3, -2)[..., : rows.pixels, :]
+    """Coarse pixels [..., h, w] interpolated at pixels [..., H, W]."""
+    for dim, (index, share) in ((-1, columns), (-2, rows)):
+        taps = [values.index_select(dim, each) for each in index]
+        shares = share if dim == -1 else share[..., None]
+        values = taps[0] * shares[0]
+        for tap, weight in zip(taps[1:], shares[1:], strict=True):
+            values = values.addcmul(tap, weight)
+    return values
 
 
 def linear(
@@ -216,33 +204,6 @@ def coarse_neighbours(
     position = (position * count / length - 0.5).clamp(0, count - 1)
     before = position.long().clamp(max=max(count - 2, 0))
     return before, (before + 1).clamp(max=count - 1), position - before
-
-
-def _products(block: Tensor, down: Tensor) -> Tensor:
-    """The products [..., n, P, W] of weights [P, K] and coarse pixels [..., n, K, W]."""
-    if torch.is_grad_enabled():
-        return block @ down
-    every = block.expand(down.shape[-3], -1, -1)
-    products = down.new_empty(*down.shape[:-2], len(block), down.shape[-1])
-    # one picture at a time: blocks share coarse pixels, which a product of all would copy
-    for one, result in zip(down.flatten(0, -4), products.flatten(0, -4), strict=True):
-        torch.bmm(every, one, out=result)
-    return products
-
-
-def _missing(fractions: AxisWeights, length: int) -> tuple[int, int]:
-    """The number of coarse pixels that blocks need before and after those of an axis."""
-    block, taps = fractions.block.shape
-    needed = (-(-fractions.pixels // block) - 1) * _STRIDE + taps
-    return -fractions.lead, fractions.lead + needed - length
-
-
-def _products_are_rounded() -> bool:
-    """Whether torch may compute float32 matrix products in fewer bits on some device."""
-    try:
-        return torch.get_float32_matmul_precision() != "highest"
-    except RuntimeError:  # it was set for one device alone
-        return True
 
 
 def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -139,26 +139,17 @@ def blurred(
     `terms`: spectra [C + 1, ...] and kernels' spectra [M, 1, ...]; `window`: (height, width) of the
     transform.
     """
-
-    def of_group(group: slice) -> Tensor:
-        # rows of the box alone are transformed along them
-        rows = torch.fft.ifft(_sum_of_products(terms, group), dim=-2)
-        rows = rows[..., box.top : box.top + box.height, :]
-        whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
-        return whole[..., box.left : box.left + box.width]
-
-    return by_group(of_group, groups, terms[0][0].device)
+    every = [slice(None)] if launches_cost(terms[0][0].device) else groups
+    # on a CPU how many parts are computed together may change the last digits
+    blurred_parts = [_inverse(_sum_of_products(terms, group), window, box) for group in every]
+    return blurred_parts[0] if len(every) == 1 else torch.cat(blurred_parts)
 
 
-def by_group(
-    function: Callable[[slice], Tensor], groups: list[slice], device: torch.device
-) -> Tensor:
-    """What a function makes of groups of parts: [M, ...].
-
-    On a CPU how many parts are computed together may change the last digits; elsewhere all are.
-    """
-    each = [function(group) for group in ([slice(None)] if launches_cost(device) else groups)]
-    return each[0] if len(each) == 1 else torch.cat(each)
+def _inverse(spectra: Tensor, window: tuple[int, int], box: Box) -> Tensor:
+    """The inverse transform in a box, of whose rows alone it is along them."""
+    rows = torch.fft.ifft(spectra, dim=-2)[..., box.top : box.top + box.height, :]
+    whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
+    return whole[..., box.left : box.left + box.width]
 
 
 def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.kernel_bank import Slicing, TransformWindow, blurred, by_group
+from defocus_core.renderer.blur.kernel_bank import Slicing, TransformWindow, blurred
 from defocus_core.renderer.layers.sliced_surface import (
     Patch,
     SlicedSurface,
@@ -64,9 +64,7 @@ class Reduced:
     ) -> None:
         """Blur the slices of a layer."""
         self._middle, self._level = middle, window.level
-        self._fractions: dict[tuple[float, int], AxisWeights] = {}
         self._coarse_size: tuple[Span, Span] | None = None
-        self._groups = groups
         self._layer: Tensor | None = None
         step = 1 << window.level
         around, reach = self._read_by(core), (window.margin + 3) * step
@@ -120,15 +118,10 @@ class Reduced:
             coarse.intersection(wanted)
             for coarse, wanted in zip(self._coarse_size, self._read_by(shown), strict=True)
         )
-        rows, columns = (
-            self._axis_weights(d, shown[d], shown[d + 2], coarse.first, self._layer)
-            for d, coarse in enumerate((down, across))
-        )
-        inside = Box.from_spans(down, across).seen_from(Box.from_spans(*self._coarse_size))
-        layer = inside.crop(self._layer)
-        return shown, by_group(
-            lambda group: resampled(layer[group], rows, columns), self._groups, layer.device
-        )
+        read = Box.from_spans(down, across)
+        layer = read.seen_from(Box.from_spans(*self._coarse_size)).crop(self._layer)
+        weights = (self._axis_weights(d, shown, read, layer) for d in (0, 1))
+        return shown, resampled(layer, *weights)
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
         """The coarse pixels between which the pixels of a box lie: all that they have shares in."""
@@ -151,14 +144,10 @@ class Reduced:
         )
         return Span(first, end)
 
-    def _axis_weights(
-        self, dim: int, start: int, length: int, coarse_pixel: int, like: Tensor
-    ) -> AxisWeights:
-        """Weights of the coarse pixels from `coarse_pixel` on in `length` pixels, cached."""
-        key = (self._position(dim, start) - coarse_pixel, length)
-        if key not in self._fractions:
-            self._fractions[key] = cubic_weights(*key, 0.5**self._level, like)
-        return self._fractions[key]
+    def _axis_weights(self, dim: int, pixels: Box, coarse: Box, like: Tensor) -> AxisWeights:
+        """The shares of coarse pixels of a rectangle in the pixels of another, along one axis."""
+        first = self._position(dim, pixels[dim]) - coarse[dim]
+        return cubic_weights(first, pixels[dim + 2], 0.5**self._level, coarse[dim + 2], like)
 
     def _position(self, dim: int, pixel: int) -> float:
         """The place of a pixel among coarse pixels."""

@@ -22,7 +22,6 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.kernel_bank import by_group
 from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
@@ -120,7 +119,6 @@ class Filling:
             by_corners=frame.settings.cat_eye is not None,
         )
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
-        self._fractions: dict[tuple[float, int], AxisWeights] = {}
 
     def has(self, octave: int, index: int) -> bool:
         """Whether a part of the surface over a tile is of an octave of blur."""
@@ -137,11 +135,8 @@ class Filling:
         def enlarged(surface: Tensor) -> Tensor:
             if not self.level:
                 return surface
-            rows, columns = (self._axis_weights(d, tile, coarse, surface) for d in (0, 1))
-            return by_group(
-                lambda group: resampled(surface[group], rows, columns),
-                self._groups,
-                surface.device,
+            return resampled(
+                surface, *(self._axis_weights(d, tile, coarse, surface) for d in (0, 1))
             )
 
         size = coarse.height, coarse.width
@@ -150,10 +145,7 @@ class Filling:
     def _axis_weights(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
         """The shares of coarse pixels in the pixels of a tile, along one axis."""
         first = position_of(tile[dim], self._fine[dim], self._coarse[dim], self.level) - coarse[dim]
-        key = (first, tile[dim + 2])
-        if key not in self._fractions:
-            self._fractions[key] = linear_weights(*key, 0.5**self.level, like)
-        return self._fractions[key]
+        return linear_weights(first, tile[dim + 2], 0.5**self.level, like.shape[dim - 2], like)
 
 
 def composite(

@@ -25,9 +25,8 @@ def polynomial(down, across, degree):
 
 def read(coarse, kind, size, level):
     make, step = KINDS[kind][0], 0.5**level
-    return resampled(
-        coarse, *(make(first, n, step, LIKE) for first, n in zip(FIRSTS, size, strict=True))
-    )
+    sides = zip(FIRSTS, size, coarse.shape[1:], strict=True)
+    return resampled(coarse, *(make(first, n, step, length, LIKE) for first, n, length in sides))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -43,12 +42,18 @@ def test_polynomials_stay_what_they_are(kind, level, size):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_cells_that_are_not_there_are_dark(kind):
-    """As if there were zeros around them; whatever the last block lacks is among these."""
+    """As if there were zeros around them."""
     coarse = torch.rand(1, 40, 31, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     framed = torch.nn.functional.pad(coarse, (5, 60, 5, 60))
     make, starts, size = KINDS[kind][0], (-3.25, 2.75), (120, 55)
     read_of, read_within = (
-        resampled(of, *(make(at + more, n, 0.5, LIKE) for at, n in zip(starts, size, strict=True)))
+        resampled(
+            of,
+            *(
+                make(at + more, n, 0.5, length, LIKE)
+                for at, n, length in zip(starts, size, of.shape[1:], strict=True)
+            ),
+        )
         for of, more in ((coarse, 0), (framed, 5))
     )
     torch.testing.assert_close(read_of, read_within, rtol=0, atol=1e-14)
