@@ -93,25 +93,6 @@ def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
     return even + pad(half, before) + pad(half, after)
 
 
-def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """Sums [..., h, w] of pixels [..., H, W] in coarse pixels that overlap (Burt 1981).
-
-    As `halved`, but along an even length a pixel adds 3/4 to its own coarse pixel and 1/4 to the
-    next one. Pixels outside are 0.
-    """
-    for dim in (-2, -1):
-        if odd[dim]:
-            values = _halved(values, dim, odd[dim])
-            continue
-        even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
-        other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
-        n = even.shape[dim] - 1
-        values = (even + other).mul_(0.75)
-        values.narrow(dim, 1, n).add_(other.narrow(dim, 0, n), alpha=0.25)
-        values.narrow(dim, 0, n).add_(even.narrow(dim, 1, n), alpha=0.25)
-    return values
-
-
 def averaged(
     values: Tensor, level: int, middle: tuple[Axis, Axis]
 ) -> tuple[Tensor, tuple[Axis, Axis]]:
@@ -169,7 +150,8 @@ def _taps(first: float, pixels: int, step: float, reach: int) -> tuple[Tensor, T
 
 def _weights(share: Tensor, index: Tensor, length: int, like: Tensor) -> AxisWeights:
     inside = index.clamp(0, length - 1)
-    return AxisWeights(inside.to(like.device), sent(share * (inside == index), like))
+    whole = like.new_empty(0, dtype=torch.long)
+    return AxisWeights(sent(inside, whole), sent(share * (inside == index), like))
 
 
 def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor:
@@ -179,7 +161,7 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
         shares = share if dim == -1 else share[..., None]
         values = taps[0] * shares[0]
         for tap, weight in zip(taps[1:], shares[1:], strict=True):
-            values = values.addcmul(tap, weight)
+            values.addcmul_(tap, weight)
     return values
 
 

@@ -208,7 +208,6 @@ def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
         surface.signed_radius,
         limit,
         frame.dtype,
-        frame.settings.threads,
         content.limits,
         unmixes=layered is None,
         matte=surface.matte,

@@ -34,13 +34,14 @@ def structure(half: PyramidLevel) -> PyramidLevel:
 
     `half`: linear colour and radius in px, at half of the resolution.
     """
-    radius = torch.where(half.edges, torch.nan, half.first.maximum)
-    picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
-    x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
+    assert half.near is not None
+    radius = torch.where(half.edges, torch.nan, half.far[-1].detach())
+    x, y = (_slope(half.far[:-4], radius, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
-    # a second sheet has too few pixels for slopes
-    second = half.second.with_values(tensor.new_zeros(3, len(half.second.weight)))
-    return half._replace(first=half.first.with_values(tensor.flatten(1)), second=second)
+    # nearer surfaces have too few pixels for slopes
+    pairs = (half.far, tensor), (half.near, torch.zeros_like(tensor))
+    far, near = (torch.cat([surface[:-3], more, surface[-3:]]) for surface, more in pairs)
+    return half._replace(far=far, near=near)
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:

@@ -133,7 +133,7 @@ def hidden_layer(
     if len(lines):
         if level:  # the whole frame
             half = backdrop.half
-            picture = half.first.values.reshape(-1, *half.size)
+            picture = half.far[:-3]
             corner = [half.middle[d].middle - grid.middle[d].middle for d in (0, 1)]
         else:
             picture, corner = torch.cat([image, signed_radius[None]]), [0, 0]
@@ -162,7 +162,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
     Each takes from the next coarser level what it lacks. Returns colour and radius [n, C + 1] times
     weights, structure tensors [n, 3], and weights [n].
     """
-    first, *rest = backdrop.levels
+    first, *rest = backdrop.tables
     found, weights = nearby(first, asked)
     values, weight, tensor = found[0, :, :-3], weights[0], found[0, :, -3:]
     for more, fraction in zip(found[1:], weights[1:], strict=True):

@@ -143,7 +143,8 @@ def test_resolutions_do_not_depend_on_the_last_bit_of_the_range():
     image, radius = cards(2)
     ends = radius.clamp(-8, 8)
     ends[0, 0], ends[-1, -1] = -8.0, 8.0
-    counts = {len(backdrop_of(image, ends * (1 + bit)).levels) for bit in (-1e-6, 0.0, 1e-6)}
+    every = [backdrop_of(image, ends * (1 + bit)) for bit in (-1e-6, 0.0, 1e-6)]
+    counts = {sum(len(table.origin) for table in each.tables) for each in every}
     assert len(counts) == 1
 
 
