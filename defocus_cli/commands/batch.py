@@ -22,11 +22,10 @@ from defocus_cli.options.shared import (
     option,
     verbose_option,
 )
-from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
+from defocus_cli.words.batch import carry_out
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.run_batch import WorkerConfig
-from defocus_core.batch.workers import run
 from defocus_core.batch.workers.run import Execution
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Outputs
@@ -149,27 +148,13 @@ def command(
         shards_size=shards_size,
         source=batch.source,
     )
-    jobs = batch.jobs
-    if dry_run:
-        from defocus_cli.words import dry_run as dry_runs
-
-        plan = run.make_plan(jobs, out, execution)
-        dry_runs.report(plan, crew.count, each=verbose, as_json=as_json)
-        return
-    if contact is not None:
-        from defocus_core.reports.sheets import require_room, write_contact_sheet
-
-        require_room(jobs)
-    report = batch_report.BatchReport(each=verbose, keep=as_json, verbose=verbose)
-    with report.bar("job"):
-        summary = run.run(jobs, out, execution, report)
-    for line in batch_report.summary_lines(summary):
-        console.stderr(line)
-    written = list(summary.written)
-    if contact is not None and (sheet := write_contact_sheet(jobs, contact)):
-        console.stderr(f"contact sheet -> {sheet}")
-        written.append(sheet)
-    if as_json:
-        record = batch_report.run_record(summary, report, jobs)
-        console.print_json(**record, written=[str(path) for path in written])
-    batch_report.end(summary)
+    carry_out(
+        batch.jobs,
+        out,
+        execution,
+        dry_run=dry_run,
+        contact=contact,
+        as_json=as_json,
+        verbose=verbose,
+        processes=crew.count,
+    )

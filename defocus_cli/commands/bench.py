@@ -69,12 +69,11 @@ def command(
             shot, read(shot), methods, device=device, threads=threads
         ):
             rows.append(row)
-            echo(measured_shots.line(measured_shots.record(row)))
+            echo(measured_shots.line(row))
     means = measured_shots.means(rows)
     echo(f"means, PSNR capped at {measured_shots.CAP:g} dB")
     for mean in means:
         echo(measured_shots.line({"scene": "mean", "shot": "", **mean}))
     if as_json:
-        records = [measured_shots.record(row) for row in rows]
         settings = {"truth": str(truth), "device": device, "threads": threads}
-        console.print_json(**settings, rows=records, means=means)
+        console.print_json(**settings, rows=rows, means=means)

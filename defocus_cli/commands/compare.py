@@ -28,7 +28,7 @@ from defocus_core.compare.pairing import (
     pair_batches,
     samples_of,
 )
-from defocus_core.compare.record import DIFFERENT, EXTRA
+from defocus_core.compare.record import DIFFERENT, EXTRA, SAME
 from defocus_core.compare.run import compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
@@ -115,7 +115,8 @@ def command(
         compared = compare_all(pairs, asked.task, processes)
         for record in console.bar("pair", len(pairs), compared):
             records.append(record)
-            if not as_json and compare_report.is_worth_a_line(record, verbose=verbose, lone=lone):
+            is_told = verbose or lone or record.status != SAME  # equal pairs among many are not
+            if is_told and not as_json:
                 console.stdout(compare_report.line(record))
     finally:  # an interrupted run reports the pairs compared so far
         if not (as_json or lone):

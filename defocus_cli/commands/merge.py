@@ -32,13 +32,12 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     named = {record.sample_id: record.split for record in Ledger(out).records()}
     packed = None if shards_size is None else list(named)
     update.refuse_foreign(out, {*named.values()}, packed)
-    merged = progress.merge(out)
-    written = update.index(out, shards_size)
-    journals = counted(merged.journals, "journal")
-    console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
-    if merged.missing:
-        missing = f"no journal of shards {', '.join(merged.missing)}"
-        console.stderr(f"{out}: warning: {missing}; they did not run, or had nothing to do")
+    jobs, journals, missing = progress.merge(out)
+    written = [str(path) for path in update.index(out, shards_size)]
+    of_shards = f"from {counted(journals, 'journal')} of shards"
+    console.stderr(f"{out}: {counted(jobs, 'job')}, {of_shards}")
+    if missing:
+        lacking = f"no journal of shards {', '.join(missing)}"
+        console.stderr(f"{out}: warning: {lacking}; they did not run, or had nothing to do")
     if as_json:
-        counts = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
-        console.print_json(**counts, written=[str(path) for path in written])
+        console.print_json(jobs=jobs, journals=journals, missing=missing, written=written)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -17,10 +16,10 @@ from defocus_cli.options.shared import (
     option,
     verbose_option,
 )
-from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.run import Execution, make_plan
+from defocus_cli.words.batch import carry_out
+from defocus_core.batch.workers import pipeline
+from defocus_core.batch.workers.run import Execution
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading, of_views
 from defocus_core.request.job_options import MACHINE_OPTIONS
@@ -107,29 +106,21 @@ def command(
     if outputs.file and (len(jobs) > 1 or shot.contact is not None):
         problem = "is one file, which does not hold several pictures"
         raise UsageProblem("contradiction", problem, "name a directory", path=jobs[0].written[0])
-    hashed = check_inputs == "hash"
-    execution = functools.partial(Execution, read_inputs=hashed, keep_lenses=True)
-    if dry_run:
-        from defocus_cli.words import dry_run as dry_runs
-
-        plan = make_plan(jobs, outputs.root, execution(pipeline.execute))
-        dry_runs.report(plan, 1, each=True, as_json=as_json)
-        return
-    if shot.contact is not None:
-        from defocus_core.reports.sheets import require_room, write_contact_sheet
-
-        require_room(jobs)
-    lone = len(jobs) == 1
-    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, raises=lone)
-    with report.bar("picture") if not lone else batch_report.tile_bar() as count:
-        counting = functools.partial(pipeline.execute, progress=count)
-        execute = pipeline.execute if count is None else counting
-        summary = run.run(jobs, outputs.root, execution(execute, raises=lone), report)
-    if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
-        console.stderr(f"contact sheet -> {sheet}")
-    if as_json:
-        console.print_json(**batch_report.run_record(summary, report, jobs))
-    batch_report.end(summary)
+    execution = Execution(
+        pipeline.execute,
+        read_inputs=check_inputs == "hash",
+        keep_lenses=True,
+        raises=len(jobs) == 1,
+    )
+    carry_out(
+        jobs,
+        outputs.root,
+        execution,
+        dry_run=dry_run,
+        contact=shot.contact,
+        as_json=as_json,
+        verbose=verbose,
+    )
 
 
 def _with_lenses(

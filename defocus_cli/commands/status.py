@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -38,6 +39,6 @@ def command(out: Path, failures: int, as_json: bool) -> None:
         console.name_keys()
     state = progress(out, failures)
     if as_json:
-        console.print_json(**batch_report.progress_record(state))
+        console.print_json(**asdict(state))
         return
     console.stdout(*batch_report.progress_lines(out, state))

@@ -85,10 +85,5 @@ def _line(check: Check) -> str:
 
 def _record(check: Check) -> dict[str, Any]:
     """A check, for JSON; a value that is not finite or was not measured is null."""
-    finite = check.value is not None and math.isfinite(check.value)
-    return {
-        **asdict(check),
-        "value": check.value if finite else None,
-        "ok": check.ok,
-        "skipped": check.value is None,
-    }
+    value = check.value if math.isfinite(check.value or 0.0) else None
+    return asdict(check) | {"value": value, "ok": check.ok, "skipped": check.value is None}

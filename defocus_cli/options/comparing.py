@@ -71,7 +71,7 @@ class ComparisonOptions:
                 write_junit(self.junit, records, seconds)
         with failures.kept():
             if self.html is not None:
-                comparisons.write(self.html, header, records, self.settings, processes)
+                comparisons.write(self.html, header, records, processes)
         with failures.kept():
             if self.markdown is not None:
                 write_markdown(self.markdown, header.title, records, pairs)

@@ -1,10 +1,12 @@
-"""The report of jobs: a progress bar, words and JSON of each job, and of the batch."""
+"""Jobs carried out and reported: a progress bar, words and JSON of each job, and of the batch."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,8 @@ import click
 
 from defocus_cli.words import console
 from defocus_core.batch.journal.record import Failed, Record, error_line
-from defocus_core.batch.workers.run import Listener, Plan, Summary
+from defocus_core.batch.workers import pipeline, run
+from defocus_core.batch.workers.run import Execution, Plan, Summary
 from defocus_core.errors import kind_of, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import FRAME_ROLE, Job
@@ -41,13 +44,11 @@ def _own_files(job: Job) -> dict[str, Path]:
 
 def job_line(job: Job) -> str:
     """Inputs, lens and outputs of a job, in words."""
-    inputs = dict.fromkeys(map(str, _own_files(job).values()))
+    inputs = ", ".join(dict.fromkeys(map(str, _own_files(job).values())))
     others = 0 if job.shot is None else len(job.shot.pictures.keys() - {job.picture.frame})
-    more = f" and {counted(others, 'other frame')} of the shot" if others else ""
-    return (
-        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}{more}; "
-        f"would write {_written_words(job)}"
-    )
+    inputs += f" and {counted(others, 'other frame')} of the shot" if others else ""
+    outputs = f"would write {_written_words(job)}"
+    return f"{job.sample_id}: {lens_words(job.lens)}; would read {inputs}; {outputs}"
 
 
 def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> dict[str, Any]:
@@ -91,14 +92,8 @@ def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
     yield f"  depth: {end.depth_note}"
     machine = f"{end.device} ({end.back}), {counted(job.machine.threads, 'thread')}"
     yield f"  {machine}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
-    counts = dict(end.stats)
-    if counts:
-        yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
-
-
-def done_before_line(job: Job) -> str:
-    """A job that was finished before, in words."""
-    return f"{job.sample_id}: done before -> {_written_words(job)}"
+    if end.stats:
+        yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in end.stats.items())
 
 
 def _written_words(job: Job) -> str:
@@ -114,18 +109,104 @@ def _written_words(job: Job) -> str:
     )
 
 
+def carry_out(
+    jobs: Sequence[Job],
+    out: Path,
+    execution: Execution,
+    *,
+    dry_run: bool,
+    contact: int | None,
+    as_json: bool,
+    verbose: bool,
+    processes: int = 1,
+) -> None:
+    """Do jobs, or show what is to do; report, write the contact sheet, and end the command."""
+    is_batch = execution.has_index
+    if dry_run:
+        plan = run.make_plan(jobs, out, execution)
+        report_plan(plan, processes, each=verbose or not is_batch, as_json=as_json)
+        return
+    if contact is not None:
+        from defocus_core.reports.sheets import require_room, write_contact_sheet
+
+        require_room(jobs)
+    report = BatchReport(
+        each=verbose or not is_batch, keep=as_json, verbose=verbose, raises=execution.raises
+    )
+    unit = "job" if is_batch else "picture"
+    with tile_bar() if execution.raises else report.bar(unit) as count:
+        if count is not None:
+            execution = replace(execution, execute=partial(pipeline.execute, progress=count))
+        summary = run.run(jobs, out, execution, report.ended, report.planned)
+    for line in summary_lines(summary) if is_batch else ():
+        console.stderr(line)
+    if contact is not None and (sheet := write_contact_sheet(jobs, contact)):
+        console.stderr(f"contact sheet -> {sheet}")
+        summary.written.append(sheet)
+    if as_json:
+        written = {"written": [str(path) for path in summary.written]} if is_batch else {}
+        console.print_json(**run_record(summary, report, jobs), **written)
+    end(summary)
+
+
+def report_plan(plan: Plan, processes: int, *, each: bool, as_json: bool) -> None:
+    """Report the jobs to do, ``each`` in a line, and on stderr those that would fail."""
+    from defocus_core.picture.forecast import forecasts
+
+    todo = [*plan.of(plan.due)]
+    found, unusable = forecasts(todo) if todo else ({}, [])
+    if each and len(plan.jobs) == len(unusable) == 1:
+        raise unusable[0]  # as the command would
+    for error in unusable:
+        console.stderr(f"defocus: {error!s}")
+    looked_at, files = len(found) + len(unusable), sum(len(job.names) for job in todo)
+    done_before, later = len(plan.settled), len(plan.later)
+    peak_mb = max((forecast.peak_mb for forecast in found.values()), default=None)
+    if as_json:
+        told = ({"forecast": found[k].record} if k in found else {} for k in range(len(todo)))
+        pictures = [{**job_record(job), **more} for job, more in zip(todo, told, strict=True)]
+        console.print_json(
+            dry_run=True,
+            jobs=len(plan.jobs),
+            done_before=done_before,
+            todo=len(todo),
+            beyond_limit=later,
+            files=files,
+            looked_at=looked_at,
+            unusable=len(unusable),
+            processes=processes,
+            peak_mb=peak_mb,
+            again=dict(plan.again),
+            kept=dict(plan.kept),
+            pictures=pictures,
+        )
+    else:
+        for number, job in enumerate(todo if each else ()):
+            console.stdout(job_line(job), *(str(found[k]) for k in (number,) if k in found))
+        beyond = f", {later} beyond the limit" if later else ""
+        done = f"{counted(done_before, 'job')} done before"
+        console.stdout(f"{done}, {len(todo)} to do{beyond}, {counted(files, 'file')} to write")
+        if peak_mb is not None:
+            of_each = f" in each of {processes} processes" if processes > 1 else ""
+            few = f", going by {len(found)} of them" if len(found) < len(todo) else ""
+            console.stdout(f"at most {peak_mb:.0f} MB of memory{of_each}{few}")
+        console.stdout(*reasons_lines(plan))
+    if unusable:
+        problem = f"{len(unusable)} of {looked_at} that were looked at would fail"
+        raise click.ClickException(problem)
+
+
 _WARNINGS = 3  # kinds with an example
 _ALIKE = 5  # errors of one kind that are shown
 _WORDS = {"ok": "done", "failed": "failed"}
 
 
-class BatchReport(Listener):
+class BatchReport:
     """Reports each job of a batch while it runs."""
 
     def __init__(
         self, *, each: bool, keep: bool = False, verbose: bool = False, raises: bool = False
     ) -> None:
-        super().__init__()
         self.records: dict[str, dict[str, Any]] = {}
         self._raises = raises
         self._each, self._keep, self._verbose = each, keep, verbose
@@ -134,21 +215,21 @@ class BatchReport(Listener):
 
     def planned(self, plan: Plan) -> None:
         """Report the jobs that were finished before."""
-        for job in plan.settled if self._keep or self._each else ():
+        for number in plan.settled if self._keep or self._each else ():
+            job = plan.jobs[number]
             if self._keep:
-                record = plan.ledger.record_of(job.names.values())
-                done = outcome_record(job, record, done_before=True)
+                done = outcome_record(job, plan.recorded(number), done_before=True)
                 self.records[job.sample_id] = done
             if self._each:
-                console.stderr(done_before_line(job))
-        done_before = len(plan.jobs) - plan.due - plan.later
+                console.stderr(f"{job.sample_id}: done before -> {_written_words(job)}")
+        done_before, due = len(plan.settled), len(plan.due)
         if not self._each and done_before:
-            console.stderr(f"{counted(done_before, 'job')} done before, {plan.due} to do")
+            console.stderr(f"{counted(done_before, 'job')} done before, {due} to do")
         for line in reasons_lines(plan):
             console.stderr(line)
-        if self._bar is not None and plan.due:
+        if self._bar is not None and due:
             with spoken():
-                self._bar.reset(plan.due)
+                self._bar.reset(due)
 
     def ended(self, job: Job, record: Record) -> None:
         """Report the outcome of a job."""
@@ -195,8 +276,7 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
 
 def summary_lines(summary: Summary) -> Iterator[str]:
     """Counts, reasons and speed of an ended batch, in words; then its commonest warnings."""
-    counts = Counter(summary.statuses)
-    ends = {word: counts[status] for status, word in _WORDS.items()}
+    ends = {word: summary.statuses[status] for status, word in _WORDS.items()}
     ends |= {"done before": summary.skipped, "left": summary.left}
     parts = ", ".join(f"{count} {word}" for word, count in ends.items() if count)
     line = f"{counted(summary.jobs, 'job')}: {parts or 'nothing to do'}"
@@ -204,12 +284,12 @@ def summary_lines(summary: Summary) -> Iterator[str]:
         line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
         line += f", {summary.warned} with warnings in the journal"
-    done = sum(counts.values())
-    if done and summary.seconds:
-        line += f"; {summary.seconds:.1f} s"
-        slow = done < summary.seconds
-        pace = summary.seconds / done if slow else done / summary.seconds
-        line += f", {pace:.3g} {'s each' if slow else 'a second'}" if done > 1 else ""
+    done, seconds = sum(summary.statuses.values()), summary.seconds
+    if done and seconds:
+        line += f"; {seconds:.1f} s"
+    if done > 1 and seconds:
+        pace, unit = (seconds / done, "s each") if done < seconds else (done / seconds, "a second")
+        line += f", {pace:.3g} {unit}"
     yield line
     kinds = list(summary.warnings.counts.items())
     for example, count in kinds[:_WARNINGS]:
@@ -232,8 +312,7 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
 
 def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
     """An ended run, for JSON: counts, reasons, time, pictures, the error of a lone picture."""
-    ended, error = (report.records.get(job.sample_id) for job in jobs), summary.error
-    told = {}
+    ended, error, told = (report.records.get(job.sample_id) for job in jobs), summary.error, {}
     if error is not None:  # as for a command without a result
         line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
         exit_code = console.exit_code_of(error)
@@ -258,39 +337,21 @@ def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> di
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:
     """Progress of a batch, in words."""
-    counts = [f"{state.statuses[s]} {word}" for s, word in _WORDS.items() if state.statuses[s]]
+    counts = [f"{n} {word}" for n, word in ((state.ok, "done"), (state.failed, "failed")) if n]
     left = f", {state.left} left" if state.left else ""
     again = f", {state.again} of them to be done again" if state.again else ""
     yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {counted(state.jobs, 'job')}"
     if state.shards is not None:
-        numbers, division = state.shards
-        yield f"  {len(numbers)} of {division} shards begun, not merged yet"
+        begun, division = state.shards["begun"], state.shards["of"]
+        yield f"  {len(begun)} of {division} shards begun, not merged yet"
     for who in state.running:
         yield f"  running: {who}"
     if state.left and not state.running:
         yield "  not running; run the same command again to go on"
     if state.reasons:
         yield f"  {reasons_words(state.reasons)}"
-    for record in state.failures:
-        yield f"    {record.sample_id}: {record.end.reason}: {record.end.message}"
-
-
-def progress_record(state: Progress) -> dict[str, Any]:
-    """Progress of a batch, for JSON."""
-    shown = [(record.sample_id, record.end) for record in state.failures]
-    return {
-        "jobs": state.jobs,
-        "left": state.left,
-        "again": state.again,
-        **{status: state.statuses[status] for status in _WORDS},
-        "reasons": dict(state.reasons),
-        "running": state.running,
-        "shards": state.shards and {"begun": state.shards[0], "of": state.shards[1]},
-        "failures": [
-            {"sample_id": name, "status": e.status, "reason": e.reason, "message": e.message}
-            for name, e in shown
-        ],
-    }
+    for failure in state.failures:
+        yield "    {sample_id}: {reason}: {message}".format(**failure)
 
 
 def end(summary: Summary) -> None:

@@ -54,11 +54,7 @@ class WorkerConfig:
 
     @cached_property
     def count(self) -> int:
-        """The number of processes, counted once, since free memory changes.
-
-        One for a GPU; else the cores divided by the threads or, without a number of threads, one
-        for each core, as far as memory allows.
-        """
+        """The number of processes, counted once, since free memory changes."""
         if self.processes is not None:
             return self.processes
         if self.device == "cuda" or (self.device == "auto" and any(map(os.path.exists, _GPUS))):
@@ -66,8 +62,7 @@ class WorkerConfig:
         if self.threads is not None:
             return max(1, cores() // self.threads)
         available = memory.available_mb()
-        maximum = cores() if available is None else int(available // ROOM_MB)
-        return max(1, min(cores(), maximum))
+        return cores() if available is None else max(1, min(cores(), int(available // ROOM_MB)))
 
     @property
     def spread(self) -> int:
@@ -105,18 +100,17 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
         InputError: A file cannot be read or is missing, or files do not pair up.
         UsageProblem: A key is unknown, a value invalid, or two contradict each other.
     """
-    return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine(), None)[0]
+    return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine())[0]
 
 
 def _asked(
-    jobs: Jobs, outputs: Outputs, machine: Machine, shard: Shard | None
+    jobs: Jobs, outputs: Outputs, machine: Machine, shard: Shard | None = None
 ) -> tuple[list[Job], JobsSource | None]:
     """The jobs of a batch for a machine, and their source if it can be kept."""
     if isinstance(jobs, str | PathLike | Mapping):
         asked = jobs if isinstance(jobs, Mapping) else Path(jobs)
         return read_batch(asked, outputs, machine, shard)
-    if shard is not None:
-        jobs = jobs[shard.number - 1 :: shard.of]
+    first, of = (0, 1) if shard is None else (shard.number - 1, shard.of)
     root, overwrite = outputs.root, outputs.overwrite
     return [
         replace(
@@ -124,7 +118,7 @@ def _asked(
             outputs=replace(job.outputs, root=root, overwrite=overwrite),
             machine=replace(machine, quality=job.machine.quality, tile=job.machine.tile),
         )
-        for job in jobs
+        for job in jobs[first::of]
     ], None
 
 
@@ -195,7 +189,7 @@ def run_batch(
         has_index=True,
         source=source,
     )
-    summary = run.run(asked, Path(out), execution, run.Listener(ended))
+    summary = run.run(asked, Path(out), execution, ended)
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
     return summary

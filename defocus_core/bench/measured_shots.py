@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from functools import partial
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
@@ -22,8 +22,6 @@ from defocus_core.system.process import set_to_render
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from defocus_core.evaluation.metrics import Errors
 
 BASELINE = "sum"  # of blurred slices, where nothing occludes
 COMPILED, TORCH = "standard", "torch"  # a quality that compiled loops render, and torch instead
@@ -45,16 +43,7 @@ COLUMNS: dict[str, tuple[str, int, int | None]] = {
 }
 
 
-@dataclass(frozen=True)
-class Row:
-    """One shot by one method."""
-
-    scene: str  # name of the scene
-    shot: str  # name of the shot
-    method: str  # a quality, the baseline, or the torch back
-    errors: Errors  # errors against the truth
-    seconds: float  # time of the rendering alone
-    fft_units: float  # its ratio to the unit measured beside it
+Row = dict[str, Any]  # one shot by one method: the values of `COLUMNS`
 
 
 def warm_up(device: str) -> str:
@@ -105,8 +94,8 @@ def measure_shot(
             errors = metrics.measure(
                 picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
             )
-            units = 2 * seconds / (before + after)
-            yield Row(shot.scene, shot.name, method, errors, seconds, units)
+            row = {"scene": shot.scene, "shot": shot.name, "method": method, "seconds": seconds}
+            yield row | {"fft_units": 2 * seconds / (before + after)} | asdict(errors)
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError("out-of-memory", problem, "use ‹device› cpu", path=shot.folder) from None
@@ -122,11 +111,12 @@ def _render(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> T
 
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
     sharp, radius, infinity = pictures.sharp, pictures.signed_radius, pictures.infinity
-    options: dict[str, Any] = {"aperture": aperture, "threads": threads}
     if method == BASELINE:
-        return plain_sum(sharp, radius, **options)
-    options |= {"quality": COMPILED, "back": "torch"} if method == TORCH else {"quality": method}
-    settings = Settings(infinity=infinity, **options)
+        return plain_sum(sharp, radius, aperture=aperture)
+    quality, back = (COMPILED, "torch") if method == TORCH else (method, "auto")
+    settings = Settings(
+        aperture=aperture, quality=quality, back=back, infinity=infinity, threads=threads
+    )
     return Renderer(Surface(sharp, radius), settings).picture().images[0]
 
 
@@ -156,18 +146,12 @@ def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
     return result, time.perf_counter() - start
 
 
-def record(row: Row) -> dict[str, Any]:
-    """A row in plain words and numbers."""
-    own = {each.name: getattr(row, each.name) for each in fields(row) if each.name != "errors"}
-    return own | asdict(row.errors)
-
-
-def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def means(rows: Sequence[Row]) -> list[Row]:
     """For each method the means over all shots, each PSNR capped at 50 dB."""
     averages = []
-    for method in dict.fromkeys(row.method for row in rows):
-        own = [record(row) for row in rows if row.method == method]
-        mean: dict[str, Any] = {"method": method, "shots": len(own)}
+    for method in dict.fromkeys(row["method"] for row in rows):
+        own = [row for row in rows if row["method"] == method]
+        mean: Row = {"method": method, "shots": len(own)}
         for name in (name for name, (*_, decimals) in COLUMNS.items() if decimals is not None):
             values = [r[name] for r in own if r[name] is not None]
             if name.startswith("psnr"):
@@ -182,7 +166,7 @@ def heading() -> str:
     return line({name: title for name, (title, *_) in COLUMNS.items()})
 
 
-def line(values: dict[str, Any]) -> str:
+def line(values: Row) -> str:
     """A row of the table: words from the left, numbers from the right."""
     cells = []
     for name, (_, width, decimals) in COLUMNS.items():

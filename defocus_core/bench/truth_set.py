@@ -14,10 +14,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
 from defocus_core.io.below import read_plain
-from defocus_core.io.depth_formats.depth import read_depth, require_valid
-from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color import read_color
 from defocus_core.io.safe_files import MALFORMED
+from defocus_core.picture.lens_fit import light_of
+from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
+from defocus_core.picture.take import InputPair
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.lens import LensValues
 
 if TYPE_CHECKING:
@@ -41,22 +44,14 @@ class TruthShot:
         """The name of the scene."""
         return self.folder.name
 
-    @property
-    def truth(self) -> Path:
-        """The file of the thin-lens picture."""
-        return self.folder / f"truth_{self.name}.exr"
-
 
 class Pictures(NamedTuple):
-    """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px.
+    """A shot decoded."""
 
-    `infinity` is the radius at infinity.
-    """
-
-    sharp: Tensor
-    truth: Tensor
-    signed_radius: Tensor
-    infinity: float
+    sharp: Tensor  # [3, H, W], linear
+    truth: Tensor  # [3, H, W], linear
+    signed_radius: Tensor  # [H, W] px
+    infinity: float  # the radius there
 
 
 def sample_set() -> Path:
@@ -65,25 +60,16 @@ def sample_set() -> Path:
     if any(scenes.glob("*/camera.json")):
         return scenes
     problem = "is missing, and the sample scenes are not part of an installed package"
-    raise UsageProblem(
-        "missing-option", problem, "name a directory of <scene>/camera.json", field="truth"
-    )
+    remedy = "name a directory of <scene>/camera.json"
+    raise UsageProblem("missing-option", problem, remedy, field="truth")
 
 
 def find_shots(root: Path) -> list[TruthShot]:
     """All shots of a set, by name of the scene."""
-    if not root.is_dir():
-        raise InputError(
-            "not-found", "is not a directory", "name one that holds <scene>/camera.json", path=root
-        )
-    cameras = sorted(root.glob("*/camera.json"))
-    if not cameras:
-        raise InputError(
-            "empty", "holds no <scene>/camera.json", "name a directory of such scenes", path=root
-        )
-    shots = [shot for camera in cameras for shot in _shots(camera)]
+    shots = [shot for camera in sorted(root.glob("*/camera.json")) for shot in _shots(camera)]
     if not shots:
-        raise InputError("empty", "holds no shot", "list shots in camera.json", path=root)
+        problem, remedy = "holds no <scene>/camera.json with shots", "name one of scenes"
+        raise InputError("empty", problem, remedy, path=root)
     return shots
 
 
@@ -95,18 +81,9 @@ def _shots(file: Path) -> list[TruthShot]:
         raise cannot_read(file, error, "check it") from error
     except MALFORMED as error:
         problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
-        raise InputError(
-            "malformed", problem, "compare it with those of sample_scenes", path=file
-        ) from error
+        remedy = "compare it with those of sample_scenes"
+        raise InputError("malformed", problem, remedy, path=file) from error
     for shot in shots:
-        for path in (shot.folder / "rgb.exr", shot.folder / "depth.exr", shot.truth):
-            if not path.is_file():
-                raise InputError(
-                    "missing-option",
-                    "is missing",
-                    f"add it or take the shot out of {file}",
-                    path=path,
-                )
         if min(camera["width"], camera["height"]) - 2 * shot.border < MIN_INNER:
             problem = f"{shot.name} leaves no picture within its border of {shot.border} px"
             raise InputError("empty", problem, "use larger pictures or less blur", path=file)
@@ -129,22 +106,10 @@ def read(shot: TruthShot) -> Pictures:
     """Decode a shot."""
     import torch
 
-    depth = read_depth(shot.folder / "depth.exr")
-    require_valid(depth)
-    radii, size = radii_of(shot.lens, depth), depth.metres.shape
-    radius = torch.from_numpy(radii.px)
-    sharp, truth = (_rgb(path, size) for path in (shot.folder / "rgb.exr", shot.truth))
+    files = PictureFiles(shot.name, shot.folder / "rgb.exr", shot.folder / "depth.exr")
+    color, depth = read_pair(InputPair(files, Reading()))
+    truth = read_color(shot.folder / f"truth_{shot.name}.exr")
+    radii = radii_of(shot.lens, depth)
     assert radii.infinity is not None
-    return Pictures(sharp, truth, radius, radii.infinity)
-
-
-def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
-    import torch
-
-    color = read_color(path)
-    require_finite(color)
-    if color.pixels.shape != (*size, 3):
-        shape = "x".join(map(str, color.pixels.shape))
-        problem = f"is {shape} (height, width, channels), not {size[0]}x{size[1]}x3 as depth.exr is"
-        raise InputError("wrong-size", problem, "write RGB of the size of the depth", path=path)
-    return torch.from_numpy(color.pixels.transpose(2, 0, 1).copy())
+    px = torch.from_numpy(radii.px)
+    return Pictures(light_of(color), light_of(truth, color), px, radii.infinity)

@@ -14,10 +14,8 @@ from defocus_core.optics.parts import FULL
 from defocus_core.renderer.blur.kernel_bank import kernel_spectra, kernels, reach, transform_length
 from defocus_core.renderer.engine.settings import quality_of
 from defocus_core.renderer.layers.slice_radii import membership, slice_position, slice_radii
-from defocus_core.tensors.threads import threaded
 
-# Guards 0 / 0 where no slice covers a pixel.
-_MIN_COVERAGE = 1e-6
+_MIN_COVERAGE = 1e-6  # guards 0 / 0 where no slice covers a pixel
 
 
 def plain_sum(
@@ -26,7 +24,6 @@ def plain_sum(
     *,
     aperture: Aperture | None = None,
     quality: str = "standard",
-    threads: int = 1,
 ) -> Tensor:
     """The sum of all blurred slices, divided by the sum of their coverage, without occlusion.
 
@@ -35,38 +32,22 @@ def plain_sum(
         signed_radius: [H, W] px, negative nearer than focus.
         aperture: The pupil, a round one by default.
         quality: The quality whose slice radii are used.
-        threads: Channels transformed at once.
 
     Returns:
-        [C, H, W].
+        [C, H, W], from black beyond the frame.
     """
-    aperture = aperture or Aperture()
+    H, W = signed_radius.shape
     radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), quality_of(quality))
     positions = slice_position(signed_radius.to(image.dtype), radii)
+    extents = [reach(radius, max(H, W) - 1) for radius in radii]
+    rows, columns = (transform_length(max(n + max(extents), 2 * max(extents) + 1)) for n in (H, W))
     pixels = torch.cat([image, torch.ones_like(image[:1])])
-    total = torch.zeros_like(pixels)
-    for k, radius in enumerate(radii):
+    total = torch.zeros_like(torch.fft.rfft2(pixels, s=(rows, columns)))
+    for k, (radius, extent) in enumerate(zip(radii, extents, strict=True)):
+        slice_radius = torch.tensor([radius], dtype=torch.float64)
+        kernel = kernels(slice_radius, extent, aperture or Aperture(), [FULL])[:, 0]
         fraction = membership(positions, positions.new_tensor([k]))  # [1, H, W]
-        if bool(fraction.any()):
-            total += _blurred(pixels * fraction, radius, aperture, threads)
-    return total[:-1] / total[-1:].clamp(min=_MIN_COVERAGE)
-
-
-def _blurred(layer: Tensor, radius: float, aperture: Aperture, threads: int) -> Tensor:
-    """A layer [C + 1, H, W] convolved with the kernel of a radius, black beyond the frame."""
-    H, W = layer.shape[-2:]
-    extent = reach(radius, max(H, W) - 1)
-    if extent == 0:
-        return layer
-    rows, columns = (transform_length(max(n + extent, 2 * extent + 1)) for n in (H, W))
-    kernel = kernels(torch.tensor([radius], dtype=torch.float64), extent, aperture, [FULL])[:, 0]
-    response = kernel_spectra(kernel[0], (rows, columns))
-    response = response.to(layer.device, torch.promote_types(layer.dtype, torch.complex64))
-
-    def blurred(channel: Tensor) -> Tensor:
-        spectrum = torch.fft.rfft2(channel, s=(rows, columns)) * response[0]
-        spread: Tensor = torch.fft.irfft2(spectrum, s=(rows, columns))
-        return spread[:H, :W]
-
-    *color, coverage = threaded(blurred, layer.unbind(), threads)
-    return torch.stack([*color, coverage.clamp(0, 1)])  # transforms leave ±1e-8
+        spectrum = torch.fft.rfft2(pixels * fraction, s=(rows, columns))
+        total += spectrum * kernel_spectra(kernel[0], (rows, columns)).to(total)
+    blurred: Tensor = torch.fft.irfft2(total, s=(rows, columns))[:, :H, :W]
+    return blurred[:-1] / blurred[-1:].clamp(min=_MIN_COVERAGE)

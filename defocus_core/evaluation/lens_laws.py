@@ -42,9 +42,8 @@ class LawSetting:
         image, radius = (x.to(self.device, dtype).contiguous() for x in scene)
         asked = {"quality": self.quality, "threads": self.threads, "left_right": True} | options
         views = self.render(image, radius, **asked)
-        assert views.left is not None
-        assert views.right is not None
-        return views.render, views.left, views.right, views.trust
+        centre, left, right = views.images
+        return centre, left, right, views.trust
 
 
 @dataclass(frozen=True)

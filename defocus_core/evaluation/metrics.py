@@ -22,23 +22,14 @@ _LUMA = (0.2126, 0.7152, 0.0722)
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a picture.
+    """Errors of a picture."""
 
-    Attributes:
-        psnr: dB, sRGB-encoded, for a peak of 1.
-        psnr_edges: The same over the pixels near depth edges; None if there are none.
-        psnr_elsewhere: The same over all other pixels; None if there are none.
-        rel_rmse: Linear RMSE over the mean of the truth.
-        ssim: Structural similarity of encoded luma.
-        p999: 99.9th percentile of the absolute error, linear.
-    """
-
-    psnr: float
-    psnr_edges: float | None
-    psnr_elsewhere: float | None
-    rel_rmse: float
-    ssim: float
-    p999: float
+    psnr: float  # dB, sRGB-encoded, for a peak of 1
+    psnr_edges: float | None  # the same over the pixels near depth edges; None if there are none
+    psnr_elsewhere: float | None  # the same over all other pixels; None if there are none
+    rel_rmse: float  # linear RMSE over the mean of the truth
+    ssim: float  # structural similarity of encoded luma
+    p999: float  # 99.9th percentile of the absolute error, linear
 
 
 def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: int) -> Errors:
@@ -56,10 +47,9 @@ def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: in
             is not finite.
     """
     if picture.shape != truth.shape or picture.shape[-2:] != signed_radius.shape:
-        raise ValueError(
-            f"picture and truth must be [3, H, W] of the signed_radius {tuple(signed_radius.shape)}"
-            f", got {tuple(picture.shape)} and {tuple(truth.shape)}"
-        )
+        wanted = f"[3, H, W] of the signed_radius {tuple(signed_radius.shape)}"
+        got = f"{tuple(picture.shape)} and {tuple(truth.shape)}"
+        raise ValueError(f"picture and truth must be {wanted}, got {got}")
     if min(signed_radius.shape) - 2 * border < 2 * REACH + 1:
         raise ValueError(f"border must leave 11 px at least, got {border}; use a larger picture")
     if not bool(torch.isfinite(picture).all()):

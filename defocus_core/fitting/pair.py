@@ -15,15 +15,12 @@ from torch import Tensor
 
 from defocus_core.evaluation.similarity import psnr
 from defocus_core.fitting.pictures import Scale, clipped, offset_of
-from defocus_core.fitting.residual import Point, Residual, error_of, measure_of, robust_of
+from defocus_core.fitting.residual import BEND, Point, Residual, error_of, measure_of
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
-from defocus_core.tensors.views import ViewTensors
 
 MAX_SHIFT = 16  # px
 MAX_MAGNIFICATION = 1.02  # or 1 / it: about twice that of a camera's focus range
@@ -39,7 +36,7 @@ _DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of a step, tried in turn
 _TOLD = 1e-3  # share of the greatest curvature, with which undetermined unknowns are damped
 _LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
 _SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
-_ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # of the radii there, in px
+_ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # signed roots of the radii there
 _TRIED = 12  # points of this search that are rendered
 # Px of pictures at a width, and how many points are followed there
 _WIDTHS = {200: 4, 480: 3, 1024: 2}
@@ -56,36 +53,20 @@ _MINIMUM = 1e-6  # mean square of compressed light, below which pictures are equ
 
 @dataclass(frozen=True)
 class Fit:
-    """The blur between two pictures.
+    """The blur between two pictures."""
 
-    Attributes:
-        strength: k, px of radius for a disparity of 1, in the blurred picture.
-        focus: d₀, the disparity in focus.
-        strength_error: Standard error of the strength, relative.
-        focus_error: Standard error of the focus, in disparity.
-        shift: Px by which the blurred picture lies to the right of the sharp one, and below.
-        magnification: Scale of the blurred picture over that of the sharp one, about the middle;
-            the shift is applied after it.
-        gains: Factor of light of each channel from the sharp to the blurred picture; one if grey.
-        psnr: PSNR in dB of compressed light over the pixels with a weight.
-        dual_pixel: The photodiodes of a pair; None for a single picture.
-        crosstalk_error: Standard error of their crosstalk, 0 if it was not fitted.
-        exchanged: Whether left and right were given in the wrong order.
-        explained: The fraction of the difference between the pictures that the blur explains.
-    """
-
-    strength: float
-    focus: float
-    strength_error: float
-    focus_error: float
-    shift: tuple[float, float]
-    magnification: float
-    gains: tuple[float, ...]
-    psnr: float
-    dual_pixel: DualPixel | None
-    crosstalk_error: float
-    exchanged: bool
-    explained: float
+    strength: float  # k, px of radius for a disparity of 1, in the blurred picture
+    focus: float  # d₀, the disparity in focus
+    strength_error: float  # standard error of the strength, relative
+    focus_error: float  # standard error of the focus, in disparity
+    shift: tuple[float, float]  # px by which blurred lies to the right of sharp, and below
+    magnification: float  # of blurred over sharp, about the middle; the shift comes after it
+    gains: tuple[float, ...]  # factor of light of each channel from sharp to blurred; one if grey
+    psnr: float  # in dB, of compressed light over the pixels with a weight
+    dual_pixel: DualPixel | None  # the photodiodes of a pair; None for a single picture
+    crosstalk_error: float  # standard error of their crosstalk, 0 if it was not fitted
+    exchanged: bool  # whether left and right were given in the wrong order
+    explained: float  # fraction of the difference between the pictures that the blur explains
 
 
 def fit(
@@ -136,27 +117,15 @@ def fit(
         dual_pixel=sensor,
         left_right=len(given) > 1,
         depth_repair=depth_repair,
+        edge_width=edge_width,
+        infinity=low / (low - high),
         threads=threads,
         back="torch",  # the compiled back rounds radii, but a search needs slopes
     )
-
-    def rendered(
-        image: Tensor, radius: Tensor, *, edge_width: float | None, infinity: float
-    ) -> ViewTensors:
-        own = replace(settings, edge_width=edge_width, infinity=infinity)
-        return Renderer(Surface(image, radius), own).picture()
-
     with torch.no_grad(), own_modes(sharp.device):
         depth = ((disparity.double() - low) / (high - low)).to(sharp)
         pictures = Scale(sharp, depth, torch.stack(given), clipped(sharp))
-        residual = Residual(
-            pictures,
-            rendered,
-            exposure=exposure,
-            infinity=low / (low - high),
-            edge_width=edge_width,
-            progress=progress,
-        )
+        residual = Residual(pictures, settings, exposure=exposure, progress=progress)
         search = Search(residual, pictures, [n for n, is_free in enumerate(sought) if is_free])
         found = search.fit_of(search.best(), sensor)
     return replace(
@@ -182,10 +151,8 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> No
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{name} must be finite; infinitely far is a disparity of 0")
     if float(disparity.max() - disparity.min()) <= 0:
-        raise ValueError(
-            "disparity must differ somewhere: one plane does not tell where focus is; give a scene "
-            "of several depths"
-        )
+        problem = "disparity must differ somewhere: one plane does not tell where focus is"
+        raise ValueError(f"{problem}; give a scene of several depths")
 
 
 class Search:
@@ -200,15 +167,14 @@ class Search:
         """The point of least error."""
         points = self._distinct(self._starts(), _SEARCHED)
         if not points:
-            raise ValueError(
-                "hardly a pixel can be used: nearly all are clipped, or seen from beyond the "
-                "border; give a darker picture, or one that is blurred less"
-            )
+            why = "nearly all are clipped, or seen from beyond the border"
+            remedy = "give a darker picture, or one that is blurred less"
+            raise ValueError(f"hardly a pixel can be used: {why}; {remedy}")
         for width, count in _WIDTHS.items():
             pictures, ended = self._widths[width], list[Point]()
             for point in points[:count]:
                 ended.append(self._descend(point, pictures))
-                if self._error(ended[-1], pictures) < _EXACT:
+                if self._residual.error(ended[-1], pictures) < _EXACT:
                     break
             points = self._distinct(ended, width)
             if pictures is self._all:
@@ -244,7 +210,7 @@ class Search:
     def _distinct(self, points: list[Point], width: int) -> list[Point]:
         """Points, the best first, without those close to a better one."""
         pictures = self._widths[width]
-        errors = {point: self._error(point, pictures) for point in points}
+        errors = {point: self._residual.error(point, pictures) for point in points}
         kept: list[Point] = []
         for point in sorted(points, key=errors.__getitem__):
             away = (max(abs(point.far - x.far), abs(point.near - x.near)) for x in kept)
@@ -253,9 +219,6 @@ class Search:
             ):
                 kept.append(point)
         return kept
-
-    def _error(self, point: Point, pictures: Scale) -> float:
-        return error_of(*self._residual.differences(point, pictures))
 
     def _descend(self, point: Point, pictures: Scale) -> Point:
         """A point after Gauss-Newton steps.
@@ -299,7 +262,9 @@ class Search:
         away, weight = self._residual.differences(point, pictures)
         moved = [_moved(point, self._free, probe) for probe in probes]
         tables = [away] + [self._residual.differences(there, pictures)[0] - away for there in moved]
-        table = (torch.stack(tables) * robust_of(away, weight).sqrt()).double().cpu()
+        # Weights by which least squares minimise Huber's measure
+        robust = weight * (BEND / away.abs().clamp_min(1e-9)).clamp_max(1)
+        table = (torch.stack(tables) * robust.sqrt()).double().cpu()
         products = [
             block.flatten(1) @ block.flatten(1).T
             for rows in table.tensor_split(_BLOCKS, dim=-2)
@@ -321,7 +286,7 @@ class Search:
         slopes[2, 5] = 0.5
         errors = self._errors(point, pictures, slopes[:, self._free])
         fraction = (1 - abs(point.separation) * (1 - 2 * float(sensor.crosstalk))) / 2
-        crosstalk = min(max(fraction, 0.0), _MAX_CROSSTALK)
+        crosstalk, is_pair = min(max(fraction, 0.0), _MAX_CROSSTALK), len(self._all.observed) > 1
         return Fit(
             strength=strength * math.exp(point.growth),
             focus=focus,
@@ -331,9 +296,7 @@ class Search:
             magnification=math.exp(point.growth),
             gains=tuple(self._residual.modelled(point, pictures)[2].tolist()),
             psnr=psnr(square),
-            dual_pixel=replace(sensor, crosstalk=crosstalk)
-            if len(self._all.observed) > 1
-            else None,
+            dual_pixel=replace(sensor, crosstalk=crosstalk) if is_pair else None,
             crosstalk_error=errors[2],
             exchanged=point.separation < 0,
             explained=1 - square / unlike if unlike > _MINIMUM else 0.0,
@@ -346,9 +309,8 @@ class Search:
         """
         probes = _probes(point, pictures, self._free)
         hessian, gradient = self._normal(point, pictures, probes)
-        count = (
-            float(self._residual.differences(point, pictures)[1].sum()) * pictures.sharp.shape[0]
-        )
+        _, weight = self._residual.differences(point, pictures)
+        count = float(weight.sum()) * len(pictures.sharp)
         if bool((hessian.sum(0).diagonal()[:2] <= _UNTOLD * count).any()):
             return [math.inf] * len(slopes)
         rest = torch.linalg.pinv(hessian.sum(0) - hessian)

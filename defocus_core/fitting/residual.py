@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -18,9 +19,11 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from defocus_core.fitting.pictures import Scale, registered
-from defocus_core.tensors.views import ViewTensors
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Surface
+from defocus_core.renderer.engine.settings import Settings
 
-_BEND = 0.02  # difference of compressed light, beyond which the weight is less
+BEND = 0.02  # difference of compressed light, beyond which the weight is less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
 _TRUSTED = 0.9  # least trust of a pixel with a weight
 _MIN_WEIGHT = 0.05  # least mean weight of a picture
@@ -50,16 +53,14 @@ class Residual:
     def __init__(
         self,
         pictures: Scale,
-        rendered: Callable[..., ViewTensors],  # of a sharp picture and its radii
+        settings: Settings,
         *,
         exposure: bool,
-        infinity: float,  # the disparity of infinity
-        edge_width: float | None = None,  # as for `render`, in px of the pictures
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Keep the pictures."""
-        self._exposure, self._infinity, self._edge_width = exposure, infinity, edge_width
-        self._render, self._progress, self._done = rendered, progress, 0
+        """Set how to render; the infinity of the settings is a disparity of the pictures."""
+        self._settings, self._exposure = settings, exposure
+        self._progress, self._done = progress, 0
         first = pictures.observed[0]
         self._middle = float(first.float().abs().median().clamp_min(1e-3))
         top = float(first.max())
@@ -72,6 +73,10 @@ class Residual:
         light, weight, _ = self.modelled(point, pictures)
         one, other = (x.clamp_min(0) for x in (light, pictures.observed))
         return one / (one + self._middle) - other / (other + self._middle), weight
+
+    def error(self, point: Point, pictures: Scale) -> float:
+        """The weighted mean of the measure of the differences, as of `error_of`."""
+        return error_of(*self.differences(point, pictures))
 
     def modelled(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor, Tensor]:
         """The picture [V, C, H, W] predicted by a point, its weight [V, 1, H, W], and gains [C]."""
@@ -107,14 +112,17 @@ class Residual:
         if key in self._views:
             return self._views[key]
         far, near = point.far * pictures.factor, point.near * pictures.factor
-        width = self._edge_width
-        lost = [_FAINT * pictures.lost] if self._has_lost else []
-        views = self._render(
-            torch.cat([pictures.sharp, *lost]),
-            far + (near - far) * pictures.disparity,
+        width, infinity = self._settings.edge_width, self._settings.infinity
+        assert infinity is not None
+        settings = replace(
+            self._settings,
             edge_width=None if width is None else width * pictures.factor,
-            infinity=far + (near - far) * self._infinity,
+            infinity=far + (near - far) * infinity,
         )
+        lost = [_FAINT * pictures.lost] if self._has_lost else []
+        image = torch.cat([pictures.sharp, *lost])
+        surface = Surface(image, far + (near - far) * pictures.disparity)
+        views = Renderer(surface, settings).picture()
         self._done += 1
         if self._progress is not None:
             self._progress(self._done, max(self._done, _ABOUT))
@@ -158,9 +166,4 @@ def error_of(residual: Tensor, weight: Tensor) -> float:
 def measure_of(residual: Tensor) -> Tensor:
     """Huber's measure of differences."""
     size = residual.abs()
-    return torch.where(size < _BEND, size**2 / 2, _BEND * (size - _BEND / 2))
-
-
-def robust_of(residual: Tensor, weight: Tensor) -> Tensor:
-    """Weights [V, C, H, W] by which least squares minimise Huber's measure."""
-    return weight * (_BEND / residual.abs().clamp_min(1e-9)).clamp_max(1)
+    return torch.where(size < BEND, size**2 / 2, BEND * (size - BEND / 2))

@@ -63,7 +63,7 @@ def fit_files(
     if depth.is_radius:
         problem = "holds radii: there is no lens to be found"
         raise InputError("radii", problem, "give depth", path=depth.path)
-    sharp, *observed = _light(color), *(_light_beside(color, path) for path in blurred)
+    sharp, *observed = light_of(color), *(light_of(read_color(path), color) for path in blurred)
     count = min(map(len, (sharp, *observed)))
     disparity = 1 / torch.from_numpy(depth.metres[:].astype("float32"))
     try:
@@ -142,21 +142,17 @@ def _photodiodes(options: FitOptions) -> DualPixel:
     return DualPixel(options.dp_model or ("smooth" if options.dual_pixel else "split"))
 
 
-def _light_beside(color: Color, path: Path) -> torch.Tensor:
-    """The light of a picture of the size of another."""
-    other = read_color(path)
-    require_finite(other)
-    if other.shape[:2] != color.shape[:2]:
-        (height, width), (wide, high) = color.shape[:2], other.size
-        problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
-        raise InputError("wrong-size", problem, "give pictures of one size", path=path)
-    return _light(other)
-
-
-def _light(color: Color) -> torch.Tensor:
-    """Linear light [C, H, W] without alpha."""
+def light_of(color: Color, like: Color | None = None) -> torch.Tensor:
+    """Linear light [C, H, W] without alpha; finite, and of the size of another picture, if any."""
     import torch
 
+    if like is not None:
+        require_finite(color)
+        if color.shape[:2] != like.shape[:2]:
+            (height, width), (wide, high) = like.shape[:2], color.size
+            problem = f"is {wide}x{high} px but {like.path} is {width}x{height} px"
+            remedy = "give pictures of one size"
+            raise InputError("wrong-size", problem, remedy, path=color.path)
     return torch.from_numpy(np.stack([plane[:] for plane in color.light]).astype(np.float32))
 
 

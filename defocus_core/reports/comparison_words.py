@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +14,6 @@ from defocus_core.compare.record import (
     DIFFERENT,
     EXTRA,
     MISSING,
-    SAME,
     STATUSES,
     UNREADABLE,
     WARNING,
@@ -83,11 +81,6 @@ def summary(records: Sequence[Comparison], pairs: int | None = None) -> str:
     return f"{counted(len(records) + left, 'pair')}: {said}"
 
 
-def is_worth_a_line(record: Comparison, *, verbose: bool, lone: bool) -> bool:
-    """Whether a pair gets its own line: equal pairs among many do not."""
-    return verbose or lone or record.status != SAME
-
-
 def exit_code(records: Sequence[Comparison]) -> int:
     """The exit code: 0 if all pairs are the same, 3 if a file cannot be read, else 1."""
     if any(record.status == UNREADABLE for record in records):
@@ -140,15 +133,9 @@ def pair_record(record: Comparison) -> dict[str, Any]:
     }
 
 
-def number(value: float) -> float | str:
-    """A number for JSON; one that JSON lacks becomes a text."""
-    if math.isfinite(value):
-        return value
-    return "NaN" if math.isnan(value) else "Inf" if value > 0 else "-Inf"
-
-
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: number(v) if isinstance(v, float) else v for k, v in values.items()}
+    lacking = {"nan": "NaN", "inf": "Inf", "-inf": "-Inf"}  # in JSON
+    return {k: lacking.get(str(v), v) if isinstance(v, float) else v for k, v in values.items()}
 
 
 def _numbers(record: Comparison) -> str:

@@ -31,8 +31,7 @@ _LENS_SIZE = (200, 300)  # height and width in px of a picture of a lens
 _LENS_RADIUS = 22.0  # px, greatest CoC radius
 _LENS_FOCUS = "100m"  # beyond every focal length; the radii are those of the lights
 _LENS_COLUMNS = 3
-# Px of a line of words, of its letters, and of the left and the lower margin.
-_LABEL, _LENS_LABEL = (22, 14, 4, 6), (26, 16, 8, 8)
+_LINE, _LETTERS, _MARGIN = 26, 16, 8  # px of a line of words
 _GREY = 0.8  # colour of words, in sRGB
 
 
@@ -42,9 +41,8 @@ def _kind_of_sheet(jobs: Sequence[Job]) -> str:
         if kind.image:
             return kind.name
     problem = "shows images, but maps alone are written"
-    raise UsageProblem(
-        "idle-option", problem, "add one, like ‹outputs› render,coc", field="contact"
-    )
+    remedy = "add one, like ‹outputs› render,coc"
+    raise UsageProblem("idle-option", problem, remedy, field="contact")
 
 
 def require_room(jobs: Sequence[Job]) -> None:
@@ -56,19 +54,14 @@ def require_room(jobs: Sequence[Job]) -> None:
 
 
 def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
-    """Write a sheet of ``count`` pictures of jobs, evenly spread over those that exist.
-
-    Returns the file; None if there is no picture.
-    """
+    """Write a sheet of at most ``count`` pictures, evenly spread over those that exist, if any."""
     kind = _kind_of_sheet(jobs)
     there = [job for job in jobs if job.paths[kind].exists()]
     if not there:
         return None
-    count = min(count, len(there))
-    places = sorted({round(k * (len(there) - 1) / max(count - 1, 1)) for k in range(count)})
-    pictures = [
-        _labelled(_small(there[k].paths[kind]), there[k].sample_id, _LABEL, _WIDTH) for k in places
-    ]
+    places = np.unique(np.linspace(0, len(there) - 1, count).round().astype(int))
+    chosen = [there[place] for place in places]
+    pictures = [_labelled(_small(job.paths[kind]), job.sample_id, _WIDTH) for job in chosen]
     file = jobs[0].outputs.root / NAME
     _write(file, pictures, math.ceil(math.sqrt(len(pictures))))
     return file
@@ -77,9 +70,7 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
 def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
     """Write a sheet of the same lights with each lens, in rows from the top."""
     set_to_render()
-    _write(
-        path, [_labelled(_lights(each), each.name, _LENS_LABEL) for each in lenses], _LENS_COLUMNS
-    )
+    _write(path, [_labelled(_lights(each), each.name) for each in lenses], _LENS_COLUMNS)
 
 
 def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
@@ -134,16 +125,14 @@ def _small(path: Path) -> NDArray[Any]:
     return linear_to_srgb(np.clip(pixels, 0.0, 1.0).astype(np.float32))
 
 
-def _labelled(
-    picture: NDArray[Any], words: str, label: tuple[int, int, int, int], width: int = 0
-) -> NDArray[Any]:
+def _labelled(picture: NDArray[Any], words: str, width: int = 0) -> NDArray[Any]:
     """A picture in a cell of at least `width` px, with a line of words below."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    height, (line, letters, left, below) = len(picture), label
-    canvas = np.zeros((height + line, max(width, picture.shape[1]), 3), np.float32)
+    height = len(picture)
+    canvas = np.zeros((height + _LINE, max(width, picture.shape[1]), 3), np.float32)
     canvas[:height, : picture.shape[1]] = picture
-    buffer = oiio.ImageBuf(canvas)
-    place = (left, height + line - below)
-    oiio.ImageBufAlgo.render_text(buffer, *place, words, letters, "", (_GREY, _GREY, _GREY))
+    buffer, grey = oiio.ImageBuf(canvas), (_GREY, _GREY, _GREY)
+    place = (_MARGIN, height + _LINE - _MARGIN)
+    oiio.ImageBufAlgo.render_text(buffer, *place, words, _LETTERS, "", grey)
     return np.asarray(buffer.get_pixels(oiio.FLOAT)).reshape(canvas.shape)

@@ -217,6 +217,9 @@ def _carried(table: Table) -> dict[str, Path]:
     if not isinstance(given, dict):
         remedy = 'write carry = {masks = "masks/*.png"}'
         raise UsageProblem("malformed", "is not a table of paths", remedy, path=where)
+    for rows in {"list", "pictures"} & {*table.values} if given else ():
+        problem, remedy = f"is not for the rows of {rows}", "name color and depth by patterns"
+        raise UsageProblem("idle-option", problem, remedy, path=where)
     for name in filterfalse(is_label, given):
         remedy = "use another one, of small letters, digits and _"
         raise UsageProblem("malformed", f"cannot name a label '{name}'", remedy, path=where)

@@ -1,16 +1,16 @@
 """``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 import torch
-from command_line import color_exr, depth_exr, refused, run
+from command_line import color_exr, depth_exr, failed, refused, run
 from reference import flatten, layered, lens_points
 from scenes import SIZE, card_layers
 
 from defocus_core.bench import measured_shots
-from defocus_core.bench.measured_shots import Row
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.renderer.compiled.carried import available
 
@@ -72,7 +72,7 @@ def test_a_missing_truth_is_named(tiny, tmp_path):
     (tmp_path / "a" / "camera.json").write_text(camera)
     for name in ("rgb.exr", "depth.exr"):
         (tmp_path / "a" / name).symlink_to(tiny / "card" / name)
-    refused(bench("--truth", tmp_path), 3, "missing-option", "truth_r7.exr")
+    failed(bench("--truth", tmp_path), 3, "not-found", "truth_r7.exr")
 
 
 def test_a_set_must_be_named_outside_the_repository(here):
@@ -81,7 +81,7 @@ def test_a_set_must_be_named_outside_the_repository(here):
 
 def row(method, psnr):
     errors = Errors(psnr, None, psnr, 0.1, 0.9, 0.1)
-    return Row("card", "r7", method, errors, 1.0, 2.0)
+    return {"method": method, "seconds": 1.0, "fft_units": 2.0, **asdict(errors)}
 
 
 def test_means_cap_what_is_easy():

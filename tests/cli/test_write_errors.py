@@ -36,7 +36,7 @@ def fill_at_the_third_file(monkeypatch):
 def test_an_output_that_is_a_directory(color, depth, out):
     (out / "render" / "color.exr").mkdir(parents=True)
     ran = render(color, depth, "-o", out, "--overwrite")
-    refused(ran, 3, "wrong-type", "color.exr")
+    refused(ran, 3, "unwritable", "color.exr")
     assert files_under(out) == set()
 
 

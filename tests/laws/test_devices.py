@@ -142,7 +142,7 @@ def fitted(to):
     image, disparity = waves((64, 64)), torch.linspace(0, 1, 64)[:, None].repeat(1, 64)
     seen = render(image, 8 * (0.4 - disparity)).render
     whole = Scale(to(image), to(disparity), to(seen)[None], clipped(to(image)))
-    residual = Residual(whole, render, exposure=True, infinity=0.0)
+    residual = Residual(whole, Settings(infinity=0.0, back="torch"), exposure=True)
     point = Point(far=3.4, near=-5.1, across=0.5, growth=0.01)
     return [x for scale in (whole, whole.reduced(32)) for x in residual.differences(point, scale)]
 

@@ -30,28 +30,16 @@ from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES
 
 @dataclass(frozen=True)
 class Sample:
-    """One picture by one lens.
+    """One picture by one lens."""
 
-    Attributes:
-        sample_id: name of the sample, the stem of its files.
-        files: the file of each kind and label.
-        inputs: the input file of each role: color, depth, those of hidden and over, and
-            depth_sidecar or depth_mask of some depth formats.
-        lens: the lens, with the focus distance in mm.
-        size: width and height in px.
-        coc_px: smallest and largest signed radius of the blur.
-        quality: quality of the rendering.
-        record: its line of the index.
-    """
-
-    sample_id: str
-    files: Mapping[str, Path]
-    inputs: Mapping[str, Path]
-    lens: LensValues
-    size: tuple[int, int]
-    coc_px: tuple[float, float]
+    sample_id: str  # its name, the stem of its files
+    files: Mapping[str, Path]  # by kind and label
+    inputs: Mapping[str, Path]  # by role: color, depth, hidden_color, depth_sidecar, …
+    lens: LensValues  # with the focus distance in mm
+    size: tuple[int, int]  # width and height in px
+    coc_px: tuple[float, float]  # smallest and largest signed radius of the blur
     quality: str
-    record: Mapping[str, Any]
+    record: Mapping[str, Any]  # its line of the index
 
 
 def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
@@ -67,26 +55,17 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
 
 
 class SampleList:
-    """Samples of a finished batch, each read on access; holds a few bytes per sample.
-
-    It holds the offsets of the lines of the index, so that copies in other processes are small.
-    """
+    """Samples of a finished batch, each read on access: a few bytes each, also in copies."""
 
     def __init__(self, out: Path, wanted: Callable[[Mapping[str, Any]], bool]) -> None:
-        """Find the samples.
-
-        Args:
-            out: The folder of the batch.
-            wanted: Tells from the line of a sample whether to list it.
-
-        Raises:
-            InputError: As of `samples`.
-        """
+        """Find the samples in ``out`` that are wanted by their lines of the index."""
         self._out, offset, offsets = out, 0, array("q")
         with _opened(out) as lines:
             self._stamp = _stamp(lines)
             for number, line in enumerate(lines, 1):
-                if wanted(_entry(out, line, f"line {number}")):
+                with _told(out, f"line {number}"):
+                    entry = _entry(line)
+                if wanted(entry):
                     offsets.append(offset)
                 offset += len(line)
         self._offsets = offsets
@@ -95,12 +74,7 @@ class SampleList:
         return len(self._offsets)
 
     def __getitem__(self, index: int) -> Sample:
-        """A sample.
-
-        Raises:
-            InputError: The index has changed since, or a line of it is broken.
-            IndexError: The index is out of range.
-        """
+        """A sample, unless the index has changed since."""
         offset = self._offsets[index]
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:
@@ -129,24 +103,26 @@ def _stamp(file: BinaryIO) -> tuple[int, int, int]:
     return status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _entry(root: Path, line: bytes, where: str) -> dict[str, Any]:
+@contextmanager
+def _told(root: Path, where: str) -> Iterator[None]:
+    """Tell the place of a line that is not a sample."""
     try:
-        entry: dict[str, Any] = json.loads(line)
-        entry["outputs"].keys(), entry["width"], entry["height"]
+        yield
     except MALFORMED as error:
-        raise _no_sample(root, error, where) from None
+        problem = f"is not a sample: {type(error).__name__} {reason(error)}"
+        remedy, place = "let the batch write it again", Place(root / NAME, where)
+        raise InputError("malformed", problem, remedy, path=place) from None
+
+
+def _entry(line: bytes) -> dict[str, Any]:
+    entry: dict[str, Any] = json.loads(line)
+    entry["outputs"].keys(), entry["width"], entry["height"]
     return entry
 
 
-def _no_sample(root: Path, error: Exception, where: str) -> InputError:
-    problem = f"is not a sample: {type(error).__name__} {reason(error)}"
-    remedy = "let the batch write it again"
-    return InputError("malformed", problem, remedy, path=Place(root / NAME, where))
-
-
 def _sample(root: Path, line: bytes, where: str) -> Sample:
-    entry = _entry(root, line, where)
-    try:
+    with _told(root, where):
+        entry = _entry(line)
         if fault := next(filter(None, map(path_fault, entry["outputs"].values())), None):
             raise ValueError(f"the path of an output {fault}")
         return Sample(
@@ -159,8 +135,6 @@ def _sample(root: Path, line: bytes, where: str) -> Sample:
             quality=entry["quality"],
             record=entry,
         )
-    except MALFORMED as error:
-        raise _no_sample(root, error, where) from None
 
 
 def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> LensValues:

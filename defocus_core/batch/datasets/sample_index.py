@@ -20,7 +20,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from defocus_core.batch.journal.record import Completed, Record
+from defocus_core.batch.journal.record import Record
 from defocus_core.batch.journal.runs import INDEX
 from defocus_core.io.below import Folder
 from defocus_core.picture.take import MEASURES
@@ -38,10 +38,7 @@ _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR de
 
 
 def newest(records: Iterable[Record]) -> Iterator[Record]:
-    """The last record of each sample; failed jobs are not samples.
-
-    `records`: records of the journal by name, oldest first.
-    """
+    """The last picture of each sample, of records by name, oldest first."""
     pictures = (r for r in records if r.completed and not r.outputs.keys().isdisjoint(KINDS))
     for _, mine in groupby(pictures, lambda record: record.sample_id):
         *_, last = mine
@@ -83,11 +80,6 @@ def split_lists(out: Path) -> Iterator[str]:
         yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
 
 
-def _pictures(record: Record) -> Completed:
-    assert record.completed is not None  # of a sample
-    return record.completed
-
-
 def line(entry: Mapping[str, Any]) -> bytes:
     """A line of the index."""
     return _ENCODER.encode(entry).encode("utf-8", "replace") + b"\n"
@@ -95,11 +87,11 @@ def line(entry: Mapping[str, Any]) -> bytes:
 
 def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
     """The entry of a sample in the index."""
-    completed = _pictures(record)
-    labels = [name for name in completed.outputs if is_label(name)]
-    outputs = {
-        kind: completed.outputs[kind] for kind in (*KINDS, *labels) if kind in completed.outputs
-    }
+    completed = record.completed
+    assert completed is not None  # of a sample
+    own = completed.outputs
+    labels = [name for name in own if is_label(name)]
+    outputs = {kind: own[kind] for kind in (*KINDS, *labels) if kind in own}
     paths = {kind: stamp.path for kind, stamp in outputs.items()}
     first, *others = sorted(paths, key=lambda kind: kind in labels or not KINDS[kind].image)
     (near, far), (width, height) = completed.coc_px, completed.size
@@ -123,7 +115,7 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
         **{name: completed.measures.get(name) for name in MEASURES},
         "quality": record.quality,
         # The repairs of the depth, and the share of the changed pixels.
-        "depth_repaired": list(repair.get("kinds", ())),
+        "depth_repaired": kinds if isinstance(kinds := repair.get("kinds"), list) else [],
         "depth_repaired_share": repair.get("share"),
         "warnings": list(completed.warnings),
         "outputs_blake2b": {kind: stamp.blake2b for kind, stamp in outputs.items()},
@@ -136,11 +128,9 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
 
 def made_by(record: Record) -> str:
     """The program and versions that made a sample, in words."""
-    completed, renderer = (
-        _pictures(record),
-        f"renderer {record.renderer} ({_pictures(record).back})",
-    )
-    return ", ".join(filter(None, [f"defocus {record.version}", renderer, completed.software]))
+    renderer = f"renderer {record.renderer} ({record.end.back})"
+    software = "" if record.completed is None else record.completed.software
+    return ", ".join(filter(None, [f"defocus {record.version}", renderer, software]))
 
 
 def decoded(path: str) -> bool:
@@ -149,10 +139,7 @@ def decoded(path: str) -> bool:
 
 
 def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
-    """A lens of the journal, with floats; infinity is 0 dioptres, and null in mm.
-
-    With a file of radii, numbers other than the shape of the opening are null.
-    """
+    """A lens of the journal, with floats; infinity is 0 dioptres, and null in mm."""
     focus = None if lens["focus_mm"] in ("inf", None) else float(lens["focus_mm"])
     dioptres = None if lens["focus_mm"] is None else 0.0 if focus is None else MM_PER_M / focus
     optics = ("focal_length_mm", "fnumber", "sensor_width_mm")
@@ -178,10 +165,7 @@ _OF_LENS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_dioptres", "
 
 
 def row_of(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """An entry as a row of a table: the columns of all samples, each of one type, no lists.
-
-    An effect of the lens is text, empty if off.
-    """
+    """An entry as a row of a table, each column of one type: effects are texts, empty if off."""
     lens = {key: entry["lens"][key] for key in _OF_LENS}
     for name, default in EFFECTS.items():
         value = entry["lens"][name]

@@ -15,7 +15,7 @@ import re
 import tarfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import accumulate, groupby, islice
@@ -31,6 +31,7 @@ from defocus_core.request.origin import origin_of
 
 FOLDER = SHARDS_FOLDER
 _LONGEST_LINE = 2**24  # bytes of the index
+_END = 2 * tarfile.BLOCKSIZE  # bytes at the end of a tar
 _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 
@@ -43,15 +44,16 @@ class ShardSample:
     line: bytes
     files: Mapping[str, tuple[str, int]]
 
-    def members(self, out: Path) -> Iterator[tuple[tarfile.TarInfo, bytes]]:
-        """The header (without time and owner) and bytes of each member, by name."""
+    def pack(self, out: Path, tar: tarfile.TarFile) -> None:
+        """Add the files to a tar, by name, without their times and owners."""
+        below = Folder(out)
         for end in sorted([*self.files, "json"]):
-            path, size = self.files.get(end, ("", len(self.line)))
-            data = _read(out, path) if path else self.line
-            if len(data) != size:
-                problem = "changed while it was packed"
-                raise InputError("changed", problem, "pack it again", path=out / path)
-            yield _header(f"{self.key}.{end}", size), data
+            data = self.line
+            if end in self.files:
+                path, _ = self.files[end]
+                with _told(out / path):
+                    data = below.read(path)
+            tar.addfile(_header(f"{self.key}.{end}", len(data)), io.BytesIO(data))
 
     @property
     def packed(self) -> int:
@@ -77,7 +79,12 @@ def write(out: Path, limit: int) -> list[Path]:
     below, kept = Folder(out), list[str]()
     for name, samples in _shards(_samples(out), limit):
         if _lines(below, f"{FOLDER}/{name}") != [sample.line for sample in samples]:
-            _pack(out, out / FOLDER / name, samples)
+            with (
+                written_whole(out / FOLDER / name, out) as file,
+                tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
+            ):
+                for sample in samples:
+                    sample.pack(out, tar)
         kept.append(name)
     for name in {*filter(_NAME.fullmatch, below.names(FOLDER))}.difference(kept):
         below.remove(f"{FOLDER}/{name}")
@@ -149,55 +156,30 @@ def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, l
     for split, mine in groupby(samples, lambda sample: sample.split):
         # "train" between two separators would tell `datasets` that the folder has only that split.
         prefix = f"{split}set" if split else "samples"
-        for number, shard in enumerate(_filled(mine, limit)):
-            yield f"{prefix}-{number:06}.tar", shard
-
-
-def _filled(samples: Iterable[ShardSample], limit: int) -> Iterator[list[ShardSample]]:
-    shard: list[ShardSample] = []
-    size = 0
-    for sample in samples:
-        end = 2 * tarfile.BLOCKSIZE
-        if shard and _rounded(size + sample.packed + end, tarfile.RECORDSIZE) > limit:
-            yield shard
-            shard, size = [], 0
-        shard.append(sample)
-        size += sample.packed
-    if shard:
-        yield shard
-
-
-def _pack(out: Path, path: Path, samples: Iterable[ShardSample]) -> None:
-    with (
-        written_whole(path, out) as file,
-        tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
-    ):
-        for sample in samples:
-            for header, data in sample.members(out):
-                tar.addfile(header, io.BytesIO(data))
-
-
-def _read(out: Path, name: str) -> bytes:
-    try:
-        return Folder(out).read(name)
-    except OSError as error:
-        raise _gone(out / name, error) from None
+        shard, size, number = list[ShardSample](), _END, 0
+        for sample in mine:
+            if shard and _rounded(size + sample.packed, tarfile.RECORDSIZE) > limit:
+                yield f"{prefix}-{number:06}.tar", shard
+                shard, size, number = [], _END, number + 1
+            shard.append(sample)
+            size += sample.packed
+        yield f"{prefix}-{number:06}.tar", shard
 
 
 def _size(out: Path, name: str) -> int:
-    path = out / name
-    try:
+    with _told(out / name):
         return Folder(out).path(name).lstat().st_size
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Tell that a file cannot be packed, as it is gone or a link."""
+    try:
+        yield
     except OSError as error:
-        if path.is_symlink():  # it may lead to any file of this machine
-            problem, remedy = "is a symbolic link, not an output", "put the file itself there"
-            raise InputError("link", problem, remedy, path=path) from None
-        raise _gone(path, error) from None
-
-
-def _gone(path: Path, error: OSError) -> InputError:
-    problem = f"cannot be packed: {reason(error)}"
-    return InputError("unreadable", problem, "render the batch again", path=path)
+        problem = f"cannot be packed: {reason(error)}"
+        remedy = "render the batch again"
+        raise InputError("unreadable", problem, remedy, path=path) from None
 
 
 def _rounded(size: int, block: int) -> int:

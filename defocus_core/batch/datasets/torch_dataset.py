@@ -16,7 +16,7 @@ from torch.utils.data import Dataset
 
 from defocus_core.batch.datasets.finished import SampleList
 from defocus_core.errors import InputError, UsageProblem, did_you_mean
-from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.raster import read_samples
@@ -86,10 +86,9 @@ class BatchDataset(Dataset[Item]):
             remedy = did_you_mean(kind, tuple(known), f"choose from {', '.join(sorted(known))}")
             raise UsageProblem("unknown-name", f"{kind!r} is not a kind", remedy, field="kinds")
         if not len(self.samples):
-            problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" * bool(split))
-            remedy = (
-                f"it has {', '.join(sorted(kinds_there))}, in splits {', '.join(sorted(splits))}"
-            )
+            of_split, there = f" in split {split}" if split else "", ", ".join(sorted(kinds_there))
+            problem = f"has no sample of {', '.join(kinds)}{of_split}"
+            remedy = f"it has {there}, in splits {', '.join(sorted(splits))}"
             raise InputError("empty", problem, remedy, path=Path(out))
         # Counts of accesses of each sample in this epoch, shared by processes of a loader, also
         # persistent ones; then the epoch, -1 if not set.
@@ -130,10 +129,8 @@ class BatchDataset(Dataset[Item]):
         for kind in self.kinds:
             path = sample.files[kind]
             planes = _planes(path, kind)
-            if planes.shape[1:] != (height, width):
-                problem = (
-                    f"is {planes.shape[2]}x{planes.shape[1]} px, in the index {width}x{height}"
-                )
+            if (own := planes.shape[1:]) != (height, width):
+                problem = f"is {own[1]}x{own[0]} px, in the index {width}x{height}"
                 remedy = "let the batch write it again"
                 raise InputError("wrong-size", problem, remedy, path=path)
             item[kind] = torch.from_numpy(np.ascontiguousarray(planes[:, rows, columns]))
@@ -151,9 +148,8 @@ class BatchDataset(Dataset[Item]):
         self._times_read[index] += 1
         rank = 0 if epoch >= 0 and not times else self._rank or _rank()
         draw = np.random.default_rng((self.seed, max(epoch, 0) + times, index, rank))
-        starts = [
-            int(draw.integers(0, room - side + 1)) for room, side in zip(size, crop, strict=True)
-        ]
+        sides = zip(size, crop, strict=True)
+        starts = [int(draw.integers(0, room - side + 1)) for room, side in sides]
         rows, columns = (slice(s, s + side) for s, side in zip(starts, crop, strict=True))
         return rows, columns
 
@@ -175,21 +171,18 @@ def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) ->
 
 def _planes(path: Path, kind: str) -> Any:
     """The planes of an output [C, H, W], float32; those of a label, integers as int32."""
-    if kind not in KINDS:
-        if is_exr(read_head(path)):
-            return np.stack([*read_parts(path)[0].channels.values()], dtype=np.float32)
-        samples = read_samples(path).transpose(2, 0, 1)
-        return samples.astype(np.int32 if samples.dtype.kind == "u" else np.float32)
-    row = KINDS[kind]
-    if row.views:
-        views = [read_color(path, view=view).pixels for view in row.views]
+    row = KINDS.get(kind)
+    if row is not None and row.image:
+        views = [read_color(path, view=view).pixels for view in row.views or [None]]
         return np.concatenate(views, axis=2).transpose(2, 0, 1)
-    if row.image:
-        return read_color(path).pixels.transpose(2, 0, 1)
     if is_exr(read_head(path)):
-        channels = read_parts(path, read_headers(path))[0].channels
-        return np.asarray(channels[row.channel or kind], np.float32)[None]
-    return read_samples(path).transpose(2, 0, 1)[:1].astype(np.float32)
+        channels = read_parts(path)[0].channels
+        names = channels if row is None else [row.channel or kind]
+        return np.stack([channels[name] for name in names], dtype=np.float32)
+    samples = read_samples(path).transpose(2, 0, 1)
+    if row is not None:
+        return samples[:1].astype(np.float32)
+    return samples.astype(np.int32 if samples.dtype.kind == "u" else np.float32)
 
 
 # Keys of the lens in an item and in the index; null with a file of radii.

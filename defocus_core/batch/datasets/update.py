@@ -26,10 +26,7 @@ from defocus_core.system.text import counted, note
 
 
 def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) -> None:
-    """Refuse an OUT whose index or shards are foreign, or cannot be written.
-
-    `packed`: names of the samples to pack; None for no shards.
-    """
+    """Refuse an OUT whose index, or shards if samples are packed, are foreign."""
     lists = [sample_index.NAME, *map(sample_index.list_name, sorted(splits - {""}))]
     names = [name for name in lists if not sample_index.is_own(out, name)]
     if packed is not None:

@@ -24,12 +24,7 @@ from weakref import finalize
 from msgspec import DecodeError, ValidationError
 from msgspec.json import decode
 
-from defocus_core.batch.journal.record import (
-    Record,
-    line_of,
-    linked_folders,
-    record_of,
-)
+from defocus_core.batch.journal.record import Record, line_of, linked_folders, record_of
 from defocus_core.errors import InputError, cannot_read, one_line
 from defocus_core.io.below import Folder, sync_folder
 from defocus_core.io.safe_files import is_at, unwritable
@@ -40,7 +35,6 @@ _SAMPLE = re.compile(rb'"sample_id": ?("(?:[^"\\]|\\.)+")')
 MAX_SHARDS = 999_999  # greatest number of shards
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 _PREVIEW = f"{PREVIEW}.png"  # ending of the names of previews
-_TAIL = 2**16  # bytes that are searched first for the beginning of the last line
 NO_JSON = (DecodeError, UnicodeDecodeError, RecursionError)
 
 
@@ -66,45 +60,34 @@ def shards(out: Path) -> list[Shard]:
 def require_journal(out: Path, pattern: str = "journal*.jsonl") -> None:
     """Refuse a directory that no batch has written to."""
     if not any(out.glob(pattern)):
-        raise InputError(
-            "empty", "has no journal", "name the directory that a batch writes to", path=out
-        )
-
-
-class Line(NamedTuple):
-    """A line of a journal."""
-
-    begin: int  # offset in bytes
-    record: Record
-    text: bytes
+        remedy = "name the directory that a batch writes to"
+        raise InputError("empty", "has no journal", remedy, path=out)
 
 
 class JournalFile:
     """The lines of a journal, in order, or by offset."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.end = path, 0  # the latter in bytes, of the lines that were read
         self._file: BinaryIO | None = None
-        with suppress(FileNotFoundError):
-            try:
-                self._file = Folder(path.parent).open(path.name)
-            except FileNotFoundError:
-                raise
-            except OSError as error:
-                remedy = "check its permissions, or copy it again"
-                raise cannot_read(path, error, remedy) from error
+        try:
+            self._file = Folder(path.parent).open(path.name)
             finalize(self, self._file.close)
+        except FileNotFoundError:
+            pass  # it is empty
+        except OSError as error:
+            raise cannot_read(path, error, "check its permissions, or copy it again") from error
 
-    def lines(self) -> Iterator[Line]:
-        """The lines except blank ones and one whose writer died."""
-        linked, start = linked_folders(self.path.parent), 0
-        lines = enumerate(self._file or (), 1)
+    def lines(self) -> Iterator[tuple[int, Record, bytes]]:
+        """Offset, record and text of the lines except blank ones and one whose writer died."""
+        linked, lines = linked_folders(self.path.parent), enumerate(self._file or (), 1)
         for number, text in lines:
-            begin, start = start, start + len(text)
+            begin = self.end
             if text == b"\n":
+                self.end += 1
                 continue
             try:
-                line = Line(begin, record_of(text, linked), text)
+                record = record_of(text, linked)
             except ValidationError as error:
                 fault = f"is no record: {one_line(error)}"
             except NO_JSON:
@@ -112,25 +95,20 @@ class JournalFile:
                     return
                 fault = "is broken"
             else:
-                yield line
+                self.end += len(text)
+                yield begin, record, text
                 continue
+            named = ""  # as far as its name can be read
+            with suppress(ValueError, TypeError):
+                named = f", of {decode(_SAMPLE.search(text)[1])},"  # type: ignore[index]
             remedy = "remove that line and the outputs of its job, which is done again"
-            problem = f"line {number}{_sample_words(text)} {fault}"
-            raise InputError("damaged", problem, remedy, path=self.path)
+            raise InputError("damaged", f"line {number}{named} {fault}", remedy, path=self.path)
 
     def record(self, begin: int) -> Record:
         """The record of a line that was read before."""
         assert self._file is not None
         self._file.seek(begin)
         return record_of(self._file.readline())
-
-
-def _sample_words(line: bytes) -> str:
-    """The name of the sample in a broken line, as far as it can be read."""
-    name = _SAMPLE.search(line)
-    with suppress(ValueError):
-        return f", of {decode(name[1])}," if name else ""
-    return ""
 
 
 class Ledger:
@@ -140,27 +118,14 @@ class Ledger:
     counts. A record of pictures is superseded when later records have all of them but previews; a
     record without outputs, as soon as another one names any of its files. The ledger keeps the
     files and the offset of a record, some 300 bytes.
-
-    Attributes:
-        splits: the splits that pictures were in, by their stems.
-        last: number of the valid record by file, relative to OUT.
-        outcomes: the outcome of the job of each record.
     """
 
-    def __init__(
-        self,
-        out: Path,
-        *,
-        is_empty: bool = False,
-    ) -> None:
-        """Read the journals of OUT, then those of shards.
-
-        `is_empty`: ignore journals, as for a picture that has none.
-        """
+    def __init__(self, out: Path, *, is_empty: bool = False) -> None:
+        """Read the journals of OUT, then those of shards; none for a picture without one."""
         self.out = out
-        self.splits: dict[str, tuple[str, ...]] = {}
-        self.last: dict[str, int] = {}
-        self.outcomes: list[Outcome] = []
+        self.splits: dict[str, tuple[str, ...]] = {}  # those that pictures were in, by their stems
+        self.last: dict[str, int] = {}  # number of the valid record by file, relative to OUT
+        self.outcomes: list[Outcome] = []  # by number
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
         # of each record: sample, offset, journal, number of files
         self._samples: list[str] = []
@@ -171,8 +136,7 @@ class Ledger:
         with without_collections():
             for place, reader in enumerate(self._journals):
                 for begin, record, _ in reader.lines():
-                    back = record.completed.back if record.completed else ""
-                    found = Outcome(record.status, record.end.reason, back)
+                    found = Outcome(record.status, record.end.reason, record.end.back)
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)
                     self._of.append(place)
@@ -194,6 +158,10 @@ class Ledger:
             if record.split not in self.splits.setdefault(stem, ()):
                 self.splits[stem] += (record.split,)
 
+    def end_of(self, path: Path) -> int:
+        """The offset behind the last record of a journal."""
+        return next((reader.end for reader in self._journals if reader.path == path), 0)
+
     def counts(self) -> Counter[str]:
         """The number of records of each sample."""
         return Counter(self._samples)
@@ -208,19 +176,12 @@ class Ledger:
 
     def number_of(self, paths: Iterable[str]) -> int | None:
         """The number of the valid record of all of these files, or None."""
-        numbers = {self.last.get(path) for path in paths}
-        return numbers.pop() if len(numbers) == 1 else None
+        number, *others = {self.last.get(path) for path in paths}
+        return None if others else number
 
     def record(self, number: int) -> Record:
         """The record of a number."""
-        reader = self._journals[self._of[number]]
-        return reader.record(self._begins[number])
-
-    def record_of(self, paths: Iterable[str]) -> Record:
-        """The valid record of all of these files, which must exist."""
-        number = self.number_of(paths)
-        assert number is not None
-        return self.record(number)
+        return self._journals[self._of[number]].record(self._begins[number])
 
     def live(self) -> Iterator[int]:
         """The numbers of the records that are not superseded, oldest first."""
@@ -231,17 +192,12 @@ class Ledger:
                 yield number
 
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
-        """The live records by name, oldest first, with their live outputs.
-
-        `only`: names of samples; None for all.
-        """
-        samples = self._samples
-        wanted = (n for n in self.live() if only is None or samples[n] in only)
-        for number in sorted(wanted, key=samples.__getitem__):
+        """The live records by name, oldest first, with their live outputs; `only` of some names."""
+        wanted = (n for n in self.live() if only is None or self._samples[n] in only)
+        for number in sorted(wanted, key=self._samples.__getitem__):
             record = self.record(number)
-            outputs = record.outputs.items()
-            own = {name: stamp for name, stamp in outputs if self.last[stamp.path] == number}
-            yield record if len(own) == len(outputs) else record.with_files(outputs=own)
+            own = {k: s for k, s in record.outputs.items() if self.last[s.path] == number}
+            yield record if len(own) == len(record.outputs) else record.with_files(outputs=own)
 
 
 class Outcome(NamedTuple):
@@ -249,7 +205,7 @@ class Outcome(NamedTuple):
 
     status: str
     reason: str | None
-    back: str = ""  # of pictures
+    back: str  # empty without a picture
 
 
 def input_path(path: Path, out: Path) -> str:
@@ -264,27 +220,24 @@ def input_path(path: Path, out: Path) -> str:
 @lru_cache(maxsize=1024)
 def _input_folder(folder: str, out: Path, base: str) -> str:
     """A folder relative to OUT, with a slash at its end; both paths are relative to ``base``."""
-    # The parent of a linked folder is that of the target of the link.
-    parts = Path(folder).parts
-    ups = max((place for place, part in enumerate(parts, 1) if part == ".."), default=0)
-    start = Path(base, *parts[:ups]).resolve()
-    found = Path(os.path.relpath(start.joinpath(*parts[ups:]), Path(base, out).resolve()))
-    return "" if found == Path() else f"{found.as_posix()}/"
+    there, here = (os.path.realpath(os.path.join(base, path)) for path in (folder, out))  # noqa: PTH118
+    return "" if there == here else f"{os.path.relpath(there, here)}/"
 
 
 class Journal:
     """A journal to append records to. Its one writer holds the lock of OUT."""
 
-    def __init__(self, path: Path, began: Callable[[], bool] = lambda: False) -> None:
-        """Open the journal.
+    def __init__(self, path: Path, end: int, began: Callable[[], bool] = lambda: False) -> None:
+        """Open the journal, which if empty stays where outputs were begun.
 
-        `began`: whether outputs exist, which an empty journal then claims as its own.
+        `end`: the offset behind the last record; what follows was torn when its writer died.
         """
-        self.path, self._began = path, began
-        self._new = not path.exists()
+        self.path, self._new, self._began = path, end == 0, began
         try:
             self._number = Folder(path.parent).append(path.name)
-            self._cut_torn_tail()
+            os.ftruncate(self._number, min(end, os.fstat(self._number).st_size))
+            if end and os.pread(self._number, 1, end - 1) != b"\n":
+                os.write(self._number, b"\n")
         except OSError as error:
             raise unwritable(path, error) from error
 
@@ -319,29 +272,7 @@ class Journal:
                 self.path.unlink()
 
     def _require_in_place(self) -> None:
-        """Raise if the journal was removed or replaced."""
         if not is_at(self.path, self._number):
             problem = "was removed or replaced while jobs were done"
-            raise InputError(
-                "damaged", problem, "run the same command again, to go on or anew", path=self.path
-            )
-
-    def _cut_torn_tail(self) -> None:
-        """Remove a record whose writer died while writing; end the last whole line."""
-        size = os.fstat(self._number).st_size
-        last, begin = b"", size
-        while begin and b"\n" not in last.rstrip(b"\n"):
-            begin = max(0, begin - _TAIL)
-            last = os.pread(self._number, size - begin, begin)
-        begin += last.rstrip(b"\n").rfind(b"\n") + 1
-        last = os.pread(self._number, size - begin, begin)
-        if last.strip(b"\n"):
-            try:
-                decode(last)
-            except ValidationError:
-                pass  # its reader reports it
-            except NO_JSON:
-                os.ftruncate(self._number, begin)
-                return
-        if last and not last.endswith(b"\n"):
-            os.write(self._number, b"\n")
+            remedy = "run the same command again, to go on or anew"
+            raise InputError("damaged", problem, remedy, path=self.path)

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from defocus_core.batch.journal.journal import (
-    Ledger,
-    Shard,
-    require_journal,
-    shards,
-)
-from defocus_core.batch.journal.record import Record
+from defocus_core.batch.journal.journal import Ledger, Shard, require_journal, shards
 from defocus_core.batch.journal.runs import (
     gather,
     holder,
@@ -28,24 +22,17 @@ from defocus_core.system.text import note
 
 @dataclass
 class Progress:
-    """Progress of a batch: jobs that ended, and jobs that are left."""
+    """Progress of a batch, as `status` tells it in JSON."""
 
-    statuses: Counter[str]  # number of jobs by status
-    reasons: Counter[str]  # number of jobs without outputs, by reason
-    left: int = 0  # jobs of open runs that are not done
-    # How many of these are in ``statuses``, too: inputs or settings changed, or they
-    # failed
-    again: int = 0
-    running: list[str] = field(default_factory=list)  # the processes that hold a lock, in words
-    # Numbers of the begun shards, and the number of all; None without shards
-    shards: tuple[list[int], int] | None = None
-    # The last records that failed, oldest first
-    failures: list[Record] = field(default_factory=list)
-
-    @property
-    def jobs(self) -> int:
-        """The number of jobs."""
-        return sum(self.statuses.values()) + self.left - self.again
+    jobs: int
+    left: int  # jobs of open runs that are not done
+    again: int  # how many of these ended before: they failed, or inputs or settings changed
+    ok: int
+    failed: int
+    reasons: dict[str, int]  # numbers of failed jobs
+    running: list[str]  # the processes that hold a lock, in words
+    shards: dict[str, Any] | None  # numbers of the begun ones, and of how many; None without any
+    failures: list[dict[str, Any]]  # sample_id, status, reason, message, oldest first
 
 
 def progress(out: Path, failures: int) -> Progress:
@@ -54,36 +41,37 @@ def progress(out: Path, failures: int) -> Progress:
     divided = shards(out)
     parts = (None, *divided)
     runs = [run for part in parts if (run := open_run(out, part)) is not None]
-
     ledger = Ledger(out)
-    state = Progress(Counter(), Counter())
-    without = list[int]()
-    for number in ledger.live():
-        outcome = ledger.outcomes[number]
-        state.statuses[outcome.status] += 1
-        if outcome.status != "ok":
-            state.reasons[str(outcome.reason)] += 1
-            without.append(number)
-    state.failures = [ledger.record(number) for number in without[-failures:] if failures]
-    if divided:
-        division = max(part.of for part in divided)
-        state.shards = sorted(part.number for part in divided if part.of == division), division
-    state.running = [who for part in parts if (who := holder(lock_path(out, part)))]
-    left = [count for run in runs for count in run.left(ledger.counts()).values()]
-    state.left, state.again = len(left), sum(map(bool, left))
-    return state
+    live = [*ledger.live()]
+    without = [number for number in live if not ledger.is_ok(number)]
+    ended = [ledger.record(number) for number in without[-failures:] if failures]
+    records = ledger.counts()
+    left = [n for run in runs for name, n in run.jobs.items() if records[name] <= n]
+    again = sum(map(bool, left))
+    of = max((part.of for part in divided), default=0)
+    begun = sorted(part.number for part in divided if part.of == of)
+    return Progress(
+        jobs=len(live) + len(left) - again,
+        left=len(left),
+        again=again,
+        ok=len(live) - len(without),
+        failed=len(without),
+        reasons=dict(Counter(str(ledger.outcomes[number].reason) for number in without)),
+        running=[who for part in parts if (who := holder(lock_path(out, part)))],
+        shards={"begun": begun, "of": of} if divided else None,
+        failures=[
+            {"sample_id": record.sample_id}
+            | {key: getattr(record.end, key) for key in ("status", "reason", "message")}
+            for record in ended
+        ],
+    )
 
 
-class Merged(NamedTuple):
-    """A merge: its live jobs, its journals of shards, and the shards without one, like 2/8."""
+def merge(out: Path) -> tuple[int, int, list[str]]:
+    """Merge the journals of all shards into that of OUT, and remove them.
 
-    jobs: int
-    journals: int
-    missing: list[str]
-
-
-def merge(out: Path) -> Merged:
-    """Merge the journals of all shards into that of OUT, and remove them."""
+    Returns the numbers of live jobs and of journals, and the shards without one, like 2/8.
+    """
     require_journal(out)
     with locked(out):
         parts = gather(out)
@@ -94,4 +82,4 @@ def merge(out: Path) -> Merged:
         sweep_up(out)
     of = max((part.of for part in parts), default=0)
     missing = [f"{n}/{of}" for n in range(1, of + 1) if Shard(n, of) not in parts]
-    return Merged(sum(1 for _ in Ledger(out).live()), len(parts), missing)
+    return sum(1 for _ in Ledger(out).live()), len(parts), missing

@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Required, TypedDict
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta, Struct, ValidationError, convert
 from msgspec.json import Decoder, encode
@@ -35,19 +35,8 @@ from defocus_core.request.job import SPLIT_NAME, is_label
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
 
-FAILURES = {
-    "input-unusable": "an input is missing, damaged, or not what it is said to be",
-    "settings-unusable": "the settings make no sense for this picture or machine",
-    "out-of-memory": "the picture does not fit into memory",
-    "output-unwritable": "an output cannot be written",
-    "no-space": "no space is left where the outputs go",
-    "worker-died": "the process that computed it died, several times",
-    "fault": "a fault of defocus itself",
-}
 Stage = Literal["read", "render", "write"]
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-
-
 Number = float | None
 Pixels = Annotated[int, Meta(gt=0)]
 Moment = Annotated[datetime, Meta(tz=True)]  # a time without a zone cannot be compared
@@ -65,25 +54,6 @@ class Stamp(Struct, frozen=True, omit_defaults=True):
 Stamps = Mapping[str, Stamp]  # by role of an input, or kind of an output and kind.preview
 
 
-class Repair(TypedDict, total=False):
-    """The repair of a depth, as of `repair_record`."""
-
-    kinds: list[str]
-    noise_px: Number
-    edge_width_px: Number
-    displaced_px: Number
-    share: Number
-
-
-class Seconds(TypedDict, total=False):
-    """The times of the steps of a job, and the CPU time of rendering."""
-
-    render: Required[float]
-    read: float
-    write: float
-    cpu: float
-
-
 class Completed(Struct, frozen=True, kw_only=True):
     """A rendered picture, whose outputs are in place."""
 
@@ -94,13 +64,13 @@ class Completed(Struct, frozen=True, kw_only=True):
     coc_px: tuple[float, float]
     color_note: str = ""
     depth_note: str
-    depth_repair: Repair | None = None
+    depth_repair: dict[str, Number | list[str]] | None = None  # as of `repair_record`
     device: str
     back: str = "torch"  # the back that rendered it
     software: str = ""  # the libraries that computed; empty in early records
     measures: dict[str, Number] = {}
     warnings: tuple[str, ...]
-    seconds: Seconds
+    seconds: dict[str, float]  # read, render, write, and the CPU time of rendering
     stats: dict[str, float] = {}
     status: ClassVar[Literal["ok"]] = "ok"
     reason: ClassVar[None] = None
@@ -116,6 +86,7 @@ class Failed(Struct, frozen=True):
     outputs: dict[str, Stamp] = {}
     trace: str = ""  # the traceback of a fault; not in the journal
     error: Any = None  # the exception, in the process that raised it; not in the journal
+    back: ClassVar[str] = ""
     status: ClassVar[Literal["failed"]] = "failed"
     warnings: ClassVar[tuple[str, ...]] = ()
     seconds: ClassVar[Mapping[str, float]] = {}
@@ -169,13 +140,6 @@ class Record(Asked, frozen=True, kw_only=True):
         return replace(self, end=end)
 
 
-class _Draw(Struct):
-    """The draw of a lens in `lens_record`."""
-
-    seed: int
-    index: int
-
-
 class _Lens(Struct):
     """The fields of `lens_record` except effects; None with a file of radii."""
 
@@ -187,7 +151,7 @@ class _Lens(Struct):
     blade_rotation_deg: float
     focus_at_px: tuple[float, float] | None = None
     focus_percentile: Number = None
-    draw: _Draw | None = None
+    draw: dict[Literal["seed", "index"], int] = {}
 
 
 class _Settings(Struct):
@@ -199,13 +163,10 @@ class _Settings(Struct):
 
 
 _ASKED, _COMPLETED, _FAILED = Decoder(Asked), Decoder(Completed), Decoder(Failed)
-NO_LINKS: frozenset[str] = frozenset()
 
 
-def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
-    """The record of a line.
-
-    `linked`: the names of links in OUT: OUT may be one, what lies below it may not.
+def record_of(line: bytes, linked: frozenset[str] = frozenset()) -> Record:
+    """The record of a line; refuses outputs below `linked`, the names of links in OUT.
 
     Raises:
         ValidationError: It is JSON, but not a record.
@@ -216,19 +177,14 @@ def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
     convert(asked.settings, _Settings)
     if "color" not in end.inputs:
         raise ValidationError("Object has no color among its inputs")
-    require_outputs(end, linked)
-    if isinstance(end, Completed):
-        _require_lens(end.lens)
-    return Record(**{**asdict(asked), "status": end.status}, end=end)
-
-
-def require_outputs(end: End, linked: frozenset[str]) -> None:
-    """Refuse outputs that are not files in the folders of their kinds or labels in OUT."""
     for stamp in end.outputs.values():
         if output_fault(stamp.path, end.inputs):
             raise ValidationError(f"output {stamp.path!r} is not a file of a kind in OUT")
         if (kind := stamp.path.partition("/")[0]) in linked:
             raise ValidationError(f"output {stamp.path!r}, but {kind} is a link, and no folder")
+    if isinstance(end, Completed):
+        _require_lens(end.lens)
+    return Record(**{**asdict(asked), "status": end.status}, end=end)
 
 
 def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
@@ -251,16 +207,14 @@ def linked_folders(out: Path) -> frozenset[str]:
 
 def _require_lens(lens: dict[str, Any]) -> None:
     """Refuse a lens that cannot be put into words; the rows of its effects check them."""
-    of_all = convert(lens, _Lens)
-    optics = (of_all.focal_length_mm, of_all.fnumber, of_all.sensor_width_mm, of_all.focus_mm)
-    effects = {type(value) for key, value in lens.items() if key not in _Lens.__struct_fields__}
-    is_said = optics.count(None) in (0, 4) and effects.isdisjoint((list, dict))
+    convert(lens, _Lens)
+    effects = (value for key, value in lens.items() if key not in _Lens.__struct_fields__)
     try:
-        is_said = is_said and bool(lens_record_words(lens))
+        if lens_record_words(lens) and not any(isinstance(each, list | dict) for each in effects):
+            return
     except MALFORMED:
-        is_said = False
-    if not is_said:
-        raise ValidationError("no words can be made of the lens")
+        pass
+    raise ValidationError("no words can be made of the lens")
 
 
 def line_of(record: Record) -> bytes:

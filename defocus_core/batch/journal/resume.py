@@ -18,20 +18,19 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache, lru_cache, partial
 from hashlib import blake2b, file_digest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from msgspec.structs import replace
 
 from defocus_core.batch.journal.journal import Ledger, input_path
 from defocus_core.batch.journal.record import Record, Stamp, Stamps
-from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
-from defocus_core.request.job import Job, Outputs, Reading, Shot
+from defocus_core.request.job import Job, Outputs, Reading
 from defocus_core.request.lens import LensValues, lens_record_words
 from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.text import version
@@ -52,22 +51,21 @@ def _plain(value: LensValues | Reading | Outputs) -> dict[str, Any]:
 
 def settings(job: Job) -> dict[str, Any]:
     """The settings of a job as plain values, without its inputs, OUT and the machine."""
-    return {
+    found: dict[str, Any] = {
         "stem": job.picture.stem,
         "suffix": job.suffix,
         "lens": _plain(job.lens),
         "reading": _plain(job.reading),
         "outputs": _plain(job.outputs),
         "quality": job.machine.quality,
-        **({} if job.machine.tile is None else {"tile": job.machine.tile}),
-        **({} if job.shot is None else {"shot": _shot_settings(job.shot, job.picture.frame)}),
     }
-
-
-def _shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
-    """The settings that a job takes from its shot, by frame; files of frames are inputs."""
-    sample = [[each.picture.frame, _plain(each.lens)] for each in shot.sample]
-    return {"frame": frame, "sample": sample, "shares_focus": shot.shares_focus}
+    if job.machine.tile is not None:
+        found["tile"] = job.machine.tile
+    if (shot := job.shot) is not None:  # files of its frames are inputs
+        sample = [[each.picture.frame, _plain(each.lens)] for each in shot.sample]
+        own = {"frame": job.picture.frame, "sample": sample, "shares_focus": shot.shares_focus}
+        found["shot"] = own
+    return found
 
 
 def changed_settings(
@@ -108,11 +106,7 @@ def versions() -> dict[str, Any]:
 
 
 def stamp(path: Path, root: Path | None = None) -> Stamp:
-    """Size, time of modification and hash of a file, without its path.
-
-    `root`: the folder above it, below which links are not followed; None for a file that the user
-    named.
-    """
+    """Size, time of modification and hash of a file; no link is followed below `root`, if given."""
     below = root and path.relative_to(root).as_posix()
     with Folder(root).open(below) if root and below else open_plain(path) as file:
         hashed = file_digest(file, partial(blake2b, digest_size=DIGEST))  # type: ignore[arg-type]  # it has readinto
@@ -134,10 +128,7 @@ def _stamped(path: Path, *_status: int) -> Stamp:
 
 
 def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
-    """Whether a file is unchanged since it was recorded.
-
-    `read`: compare the bytes even if size and time are those recorded.
-    """
+    """Whether a file is as it was recorded; `read` compares its bytes in any case."""
     try:
         status = os.stat(path)  # noqa: PTH116 - it is asked of each file of all jobs
         if status.st_size != recorded.size:
@@ -155,18 +146,14 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts: dict[str, Any] = {}
-        for name, default in _fields(type(value)):  # a lens has many, and a batch many lenses
-            part = getattr(value, name)
-            if part is not default and part != default:
-                parts[name] = plain(part)
-        return parts
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, Path):
         return str(value)
-    return value
+    fields = _fields(value.__class__)
+    parts = ((name, getattr(value, name), default) for name, default in fields)
+    # a lens has many fields, and a batch many lenses
+    return {name: plain(it) for name, it, default in parts if it is not default and it != default}
 
 
 @cache
@@ -184,48 +171,31 @@ AGAIN = {
 }
 
 
-class Decision(NamedTuple):
-    """Whether a job is done."""
+def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> tuple[str | None, Stamps | None]:
+    """The reason to do a job again, in words, empty if it is new; None if it is done.
 
-    is_done: bool
-    again: str = ""  # reason to do it again, in words; empty if it is done, or new
-    moved: Stamps | None = None  # new inputs of its record, if they have moved
-
-
-def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> Decision:
-    """Whether a job is done, with the reason to do it again if not.
-
-    If the sample has moved to another split, its record is updated, too.
-
+    Then, if its record is to be updated, inputs that have moved, or none for another split.
     `read_inputs`: compare the bytes of the inputs, not only size and time.
     """
     names = job.names
     number = ledger.number_of(names.values())
     if number is None:
         is_known = any(map(ledger.is_known, names.values()))
-        return Decision(False, AGAIN["settings"] if is_known else "")
+        return AGAIN["settings"] if is_known else "", None
     record = ledger.record(number)
     if why := _changed(job, record):
-        return Decision(False, AGAIN[why])
+        return AGAIN[why], None
     moved = _moved(job, record, ledger.out, read_inputs=read_inputs)
     if moved is None:
-        return Decision(False, AGAIN["inputs"])
+        return AGAIN["inputs"], None
     if record.completed is not None:
         stamps = record.outputs.values()
         there = all(unchanged(f"{ledger.out}/{stamp.path}", stamp) for stamp in stamps)
         if not there or record.outputs.keys() != names.keys():
-            return Decision(False, AGAIN["outputs"])
+            return AGAIN["outputs"], None
     if record.renderer != RENDERER_VERSION:
-        words = AGAIN["renderer"].format(old=record.renderer, new=RENDERER_VERSION)
-        return Decision(False, words)
-    return Decision(True, moved=moved if moved or record.split != job.split.name else None)
-
-
-def moved_record(job: Job, ledger: Ledger, moved: Stamps) -> Record:
-    """The record of a finished job, updated with its inputs that have moved, and its split."""
-    record = ledger.record_of(job.names.values())
-    record = record.with_files(inputs={**record.inputs, **moved})
-    return replace(record, split=job.split.name)
+        return AGAIN["renderer"].format(old=record.renderer, new=RENDERER_VERSION), None
+    return None, moved if moved or record.split != job.split.name else None
 
 
 def _changed(job: Job, record: Record) -> str:
@@ -234,11 +204,10 @@ def _changed(job: Job, record: Record) -> str:
         return "failed"
     if record.recipe == recipe(job):
         return ""
-    if any(changed_settings(record.settings, settings(job))):
-        return "settings"
     names = {role: path.name for role, path in job.files.items()}
     was = {role: Path(stamp.path).name for role, stamp in record.inputs.items()}
-    return "settings" if names == was else "inputs"
+    is_other = any(changed_settings(record.settings, settings(job)))
+    return "settings" if is_other or names == was else "inputs"
 
 
 def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[str, Stamp] | None:
@@ -257,27 +226,16 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
     return moved
 
 
-def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> None:
-    """Refuse to replace outputs of another picture and, with ``keep_lenses``, of another lens."""
-
-    def lens_and_view(asked: Mapping[str, Any]) -> tuple[Any, Any]:
-        return asked.get("lens") or {}, (asked.get("reading") or {}).get("view")
-
-    for job in jobs if ledger.last else ():
-        for name in () if job.outputs.overwrite else job.names.values():
-            path, number = ledger.out / name, ledger.last.get(name)
-            if number is None or not path.exists():
-                continue
-            now = lens_and_view(settings(job))
-            record = ledger.record(number)
-            before = ledger.out.resolve() / record.inputs["color"].path
-            was = lens_and_view(record.settings)
-            if before.exists() and before.resolve() != job.picture.color.resolve():
-                other = f"made of another picture, {before.resolve()}"
-            elif keep_lenses and record.completed is not None and was != now:
-                view = f", view {was[1]}" if was[1] != now[1] else ""
-                other = f"taken otherwise: {lens_record_words(record.completed.lens)}{view}"
-            else:
-                continue
-            remedy = "choose another -o, or add ‹overwrite› to replace it"
-            raise InputError("exists", f"exists already, {other}", remedy, path=path)
+def other_words(job: Job, record: Record, out: Path, *, keep_lenses: bool) -> str:
+    """The other picture, or with ``keep_lenses`` lens, that a record of the same files is of."""
+    before = out.resolve() / record.inputs["color"].path
+    if before.exists() and before.resolve() != job.picture.color.resolve():
+        return f"made of another picture, {before.resolve()}"
+    (was, old), (now, new) = (
+        (asked.get("lens") or {}, (asked.get("reading") or {}).get("view"))
+        for asked in (record.settings, settings(job))
+    )
+    if not keep_lenses or record.completed is None or (was, old) == (now, new):
+        return ""
+    view = f", view {old}" if old != new else ""
+    return f"taken otherwise: {lens_record_words(record.completed.lens)}{view}"

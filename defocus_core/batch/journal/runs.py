@@ -14,7 +14,7 @@ import os
 import re
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -25,13 +25,7 @@ from msgspec.json import decode, encode
 from defocus_core.batch.journal.journal import NO_JSON, JournalFile, Shard, journal_path, shards
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder, sync_folder
-from defocus_core.io.safe_files import (
-    LEFTOVER,
-    is_at,
-    left_in,
-    unwritable,
-    written_whole,
-)
+from defocus_core.io.safe_files import LEFTOVER, is_at, left_in, unwritable, written_whole
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.text import note
 
@@ -49,10 +43,7 @@ def lock_path(out: Path, shard: Shard | None = None) -> Path:
 
 @contextmanager
 def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
-    """Hold the lock of an existing OUT, or of a shard, while the block runs.
-
-    `shard`: the part of a batch; None for the whole.
-    """
+    """Hold the lock of an existing OUT, or of a shard, while the block runs."""
     path = lock_path(out, shard)
 
     def require_held() -> None:
@@ -61,9 +52,8 @@ def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
             raise InputError("unwritable", problem, remedy, path=path)
 
     with _held(path) as number:
-        for other in sorted(out.glob(".journal*.lock")):  # remove those of killed runs
-            of_same_division = shard is not None and other.name.endswith(f"of{shard.of}.lock")
-            if other != path and not of_same_division:
+        for other in {*out.glob(".journal*.lock")} - {path}:  # remove those of killed runs
+            if shard is None or not other.name.endswith(f"of{shard.of}.lock"):
                 with _held(other):
                     pass
         yield require_held
@@ -146,10 +136,6 @@ class OpenRun(Struct):
 
     jobs: dict[str, int]
 
-    def left(self, records: Mapping[str, int]) -> dict[str, int]:
-        """The jobs that have not ended, given the present number of records of each sample."""
-        return {name: count for name, count in self.jobs.items() if records[name] <= count}
-
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
     """The file that notes a run on OUT, or on a shard."""
@@ -183,25 +169,22 @@ def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
 
 def begun_samples(out: Path, shard: Shard | None) -> set[str]:
     """The samples of interrupted runs, which may have files without records."""
-    parts = [None, *shards(out)] if shard is None else [None, shard]
-    return set().union(*(run.jobs for part in parts if (run := open_run(out, part)) is not None))
+    runs = (open_run(out, part) for part in (None, *(shards(out) if shard is None else [shard])))
+    return {name for run in runs if run is not None for name in run.jobs}
 
 
 def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:
-    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
-
-    Files of the index and shards, written without the lock by live processes, stay.
-    """
+    """Remove the half-written files of processes that were killed; the lock of OUT must be held."""
     below = Folder(out)
-    for folder in ("", SHARDS_FOLDER):
-        for name in left_in(out / folder):
-            with suppress(OSError):
-                below.remove(f"{folder}/{name}" if folder else name)
+    # Those of the index and shards, written without the lock, stay while their process lives.
+    found = [(folder, left_in(out / folder)) for folder in ("", SHARDS_FOLDER)]
     for folder in (*KINDS, *labels):
         with suppress(OSError):
-            for name in below.names(folder):
-                if LEFTOVER.fullmatch(name):
-                    below.remove(f"{folder}/{name}")
+            found.append((folder, filter(LEFTOVER.fullmatch, below.names(folder))))
+    for folder, names in found:
+        for name in names:
+            with suppress(OSError):
+                below.remove(f"{folder}/{name}" if folder else name)
 
 
 def refuse_other_division(out: Path, own: Shard) -> None:
@@ -229,8 +212,9 @@ def _merged_lines(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
     """The lines of journals without duplicates."""
     known = set[bytes]()
     for part in parts:
-        for line in JournalFile(journal_path(out, part)).lines():
-            digest = blake2b(line.text.rstrip(b"\n"), digest_size=16).digest()
+        for _, _, line in JournalFile(journal_path(out, part)).lines():
+            text = line.rstrip(b"\n") + b"\n"
+            digest = blake2b(text, digest_size=16).digest()
             if digest not in known:
                 known.add(digest)
-                yield line.text.rstrip(b"\n") + b"\n"
+                yield text

@@ -1,6 +1,1 @@
-"""Jobs carried out: plan, pipeline, processes, Dask.
-
-A job is one picture taken by one lens. A chunk is a few jobs of one picture for one worker. The
-coordinator is the process that sends jobs to workers, and that alone writes the journal. A shard is
-the part of a batch that one coordinator does.
-"""
+"""Jobs carried out in chunks, by a pipeline in this process, by other processes, or by Dask."""

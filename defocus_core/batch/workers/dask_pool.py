@@ -35,15 +35,14 @@ SEEN = 60.0  # seconds until a file of a worker is seen: NFS refreshes folders t
 def execute_at(address: str, *, threads: int | None) -> Execute:
     """An executor on a Dask scheduler; each job computes with ``threads``, or with one."""
     if "://" not in address:
-        problem = f"'{address}' is not a scheduler"
-        raise UsageProblem(
-            "malformed", problem, "use local, or an address like tcp://head:8786", field="scheduler"
+        problem, remedy = (
+            f"'{address}' is not a scheduler",
+            "use local, or one like tcp://head:8786",
         )
+        raise UsageProblem("malformed", problem, remedy, field="scheduler")
     if find_spec("distributed") is None:
-        problem = "needs Dask, which is not installed"
-        raise UsageProblem(
-            "needs-extra", problem, "run: pip install 'defocus[dask]'", field="scheduler"
-        )
+        problem, remedy = "needs Dask, which is not installed", "run: pip install 'defocus[dask]'"
+        raise UsageProblem("needs-extra", problem, remedy, field="scheduler")
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         import distributed
@@ -57,21 +56,16 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
             client = make_client(address, timeout=CONNECT)
         except (OSError, TimeoutError, ValueError) as error:
             problem = f"no Dask scheduler answers: {reason(error)}"
-            raise InputError(
-                "unreachable", problem, "start one, or check the address", path=address
-            ) from None
+            remedy = "start one, or check the address"
+            raise InputError("unreachable", problem, remedy, path=address) from None
         with client:
-            cluster = _Cluster(client, make_completed(), threads)
-            dispatch(cluster, chunks, done, stopped)
+            dispatch(_Cluster(client, make_completed(), threads), chunks, done, stopped)
 
     return execute
 
 
 class _Cluster:
     """Chunks submitted to a scheduler, which blames all chunks that waited at a dead worker."""
-
-    strikes = 2
-    apart = 1
 
     def __init__(self, client: Any, futures: Any, threads: int | None) -> None:
         self.client, self.futures, self.threads = client, futures, threads
@@ -103,10 +97,9 @@ class _Cluster:
         future = next(self.futures)
         chunk = self.flight.pop(future)
         if future.cancelled():  # not by us
+            problem = "the Dask scheduler went away"
             remedy = "start it again, and run the same command to go on"
-            raise InputError(
-                "unreachable", "the Dask scheduler went away", remedy, path=self.address
-            )
+            raise InputError("unreachable", problem, remedy, path=self.address)
         error = future.exception()
         if error is None:
             answer, own = future.result(), resume.versions()
@@ -119,9 +112,8 @@ class _Cluster:
         elif type(error).__name__ == "KilledWorker":
             yield Lost(chunk, "several Dask workers that worked on it died")
         else:
-            raise self._unlike(
-                f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
-            )
+            words = f"{type(error).__name__}: {reason(error)}"
+            raise self._unlike(f"its workers cannot do jobs: {words}")
 
     def _require_shared(self, root: Path, answer: dict[str, Any]) -> None:
         """Refuse a worker that has another OUT than this process."""
@@ -150,11 +142,7 @@ class _Cluster:
 
 
 def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
-    """Do jobs of one picture on a worker, if its OUT has the lock of the leader.
-
-    Returns:
-        Their results (none for another OUT), the versions and the name of the worker.
-    """
+    """Results of jobs done by a worker (none if its OUT lacks the leader's lock), and its name."""
     from distributed import get_worker
 
     here = (replace(each, machine=replace(each.machine, threads=threads)) for each in jobs)
@@ -177,15 +165,12 @@ def _is_seen(path: Path) -> bool:
 
 def _absolute(value: Any) -> Any:
     """A job, or a part of it, with absolute paths for workers elsewhere."""
-    made = value
     if isinstance(value, Path):
-        made = value.absolute()
-    elif isinstance(value, tuple) and not hasattr(value, "_fields"):
-        made = tuple(map(_absolute, value))
-    elif is_dataclass(value) and not isinstance(value, type):
-        parts = {each.name: getattr(value, each.name) for each in fields(value)}
-        changed = {
-            name: new for name, part in parts.items() if (new := _absolute(part)) is not part
-        }
-        made = replace(value, **changed) if changed else value
-    return made
+        return value.absolute()
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return tuple(map(_absolute, value))
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    parts = {each.name: getattr(value, each.name) for each in fields(value)}
+    changed = {name: new for name, it in parts.items() if (new := _absolute(it)) is not it}
+    return replace(value, **changed) if changed else value

@@ -20,12 +20,11 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
 
-import msgspec
+from msgspec.structs import replace as copy
 
 from defocus_core.batch.journal import resume
-from defocus_core.batch.journal.record import Completed, Failed, Repair, Seconds, Stamp, failure
+from defocus_core.batch.journal.record import Completed, Failed, Stamp, failure
 from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture import plain_path
@@ -38,7 +37,9 @@ from defocus_core.system.process import delayed_signals, settings_kept
 from defocus_core.system.text import software
 
 TileCount = Callable[[int, int], None]
+_Read = tuple[int, Job, Inputs | Failed]
 _DIGITS = 6  # decimals of radii and measures
+_SMALL = 1 << 16  # greatest number of pixels of a small picture
 
 
 class Reader:
@@ -49,14 +50,15 @@ class Reader:
 
     def read(self, job: Job) -> Inputs | Failed:
         """The decoded inputs of a job, or its failure."""
+        files = job.files
         key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             inputs = self._last[1]
-            shared = {role: stamp for role, stamp in inputs.stamps.items() if role in job.files}
-            lens_files = {role: path for role, path in job.files.items() if role in LENS_FILES}
-            return replace(inputs, stamps=shared | _stamps(lens_files), seconds=0.0)
+            shared = {role: stamp for role, stamp in inputs.stamps.items() if role in files}
+            own = _stamps({role: path for role, path in files.items() if role in LENS_FILES})
+            return replace(inputs, stamps=shared | own, seconds=0.0)
         self._last = None  # free a picture before the next is decoded
-        start, stamps = time.perf_counter(), _stamps(job.files)
+        start, stamps = time.perf_counter(), _stamps(files)
         try:
             for _, label in job.picture.carried:
                 read_head(label)
@@ -87,17 +89,15 @@ def write(take: Take | Failed) -> Completed | Failed:
         take = plain_path.write(take)
         root = job.outputs.root
         outputs = {
-            name: msgspec.structs.replace(resume.stamp(root / path, root), path=path)
+            name: copy(resume.stamp(root / path, root), path=path)
             for name, path in job.names.items()
         }
     except Exception as error:
         return failure(error, "write", inputs)
-    seconds = Seconds(
-        read=round(take.inputs.seconds, 4),
-        render=round(take.seconds, 4),
-        write=round(time.perf_counter() - start, 4),
-        cpu=round(take.cpu_seconds, 4),
-    )
+    writing = time.perf_counter() - start
+    seconds = {"read": take.inputs.seconds, "render": take.seconds}
+    seconds |= {"write": writing, "cpu": take.cpu_seconds}
+    numbers = measures(take).items()
     return Completed(
         inputs=dict(inputs),
         outputs=outputs,
@@ -106,25 +106,15 @@ def write(take: Take | Failed) -> Completed | Failed:
         coc_px=take.limits,
         color_note=take.color_note,
         depth_note=take.depth_words(),
-        depth_repair=cast(Repair | None, repair_record(take.repair)),
+        depth_repair=repair_record(take.repair),
         device=take.device,
         back=take.back,
         software=software(),
-        measures={
-            name: None if value is None else float(f"{value:.{_DIGITS}g}")
-            for name, value in measures(take).items()
-        },
+        measures={k: None if v is None else float(f"{v:.{_DIGITS}g}") for k, v in numbers},
         warnings=tuple(take.warnings),
-        seconds=seconds,
+        seconds={k: round(v, 4) for k, v in seconds.items()},
         stats=dict(take.stats),
     )
-
-
-# Greatest number of pixels of a small picture.
-_SMALL = 1 << 16
-
-if TYPE_CHECKING:
-    _Read = tuple[int, Job, Inputs | Failed]
 
 
 def execute(
@@ -138,7 +128,7 @@ def execute(
     `progress`: called with (tiles done, tiles in all) of a lone job.
     """
     plain_path.load()
-    jobs = _jobs(chunks, stopped)
+    jobs = chain.from_iterable(chunks)
     first = [*islice(jobs, 2)]
     with settings_kept():
         if len(first) > 1:
@@ -161,22 +151,11 @@ def _computed(
         return failure(error, "render", inputs.stamps)
 
 
-def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
-    for chunk in chunks:
-        for numbered in chunk:
-            if stopped():
-                return
-            yield numbered
-
-
 def run(
-    jobs: Iterable[tuple[int, Job]],
-    done: Done,
-    stopped: Callable[[], bool] = lambda: False,
+    jobs: Iterable[tuple[int, Job]], done: Done, stopped: Callable[[], bool] = lambda: False
 ) -> None:
-    """Do jobs in their order.
+    """Do numbered jobs in their order; the next one is requested before the last is done.
 
-    `jobs`: numbered; the next one is requested, on a thread of its own, before the last is done.
     `done`: called with number and end of each job as soon as it is durable, on any thread, one at a
     time.
     """
@@ -234,10 +213,7 @@ def run(
 
 
 def _wait_for(pool: ThreadPoolExecutor) -> None:
-    """Wait for the work of a pool, through a first signal; a second one ends the wait.
-
-    No file stays half-written.
-    """
+    """Wait for the work of a pool, through a first signal, so that no file stays half-written."""
     try:
         wait([pool.submit(int)])  # which comes after it
     except BaseException:

@@ -1,8 +1,8 @@
 """Jobs on workers that may die, like processes on this machine.
 
 Any of the jobs of a worker that dies (a crash in a decoder, lack of memory) may have killed it.
-Each of them is done again after the other jobs, alone on its worker; a job fails after the death of
-`Workers.strikes` workers. A process that dies is replaced if there is work.
+Each of them is done again after the other jobs, alone; a job fails whose worker then dies, too. A
+process that dies is replaced if there is work.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import chain
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from queue import SimpleQueue
@@ -35,14 +34,11 @@ class Lost(NamedTuple):
     """Jobs of a worker that died."""
 
     jobs: Chunk
-    words: str = ""  # cause of its death; empty if it had begun none of them
+    words: str  # cause of its death
 
 
 class Workers(Protocol):
     """The workers for jobs: processes, or a cluster."""
-
-    strikes: int  # workers that die before a job counts as failed
-    apart: int  # jobs at a time that are done alone on a worker
 
     def has_room(self) -> bool:
         """Whether another chunk can be submitted."""
@@ -66,14 +62,13 @@ def dispatch(
     """Do all jobs, unless stopped."""
     flight: dict[int, Job] = {}
     suspects: deque[tuple[int, Job]] = deque()
-    strikes: Counter[int] = Counter()
-    alone = False
+    suspected = set[int]()
     try:
         while True:
             while not stopped():
                 chunk = next(chunks, None) if workers.has_room() else []
-                if chunk is None and suspects and len(flight) < (workers.apart if alone else 1):
-                    chunk, alone = [suspects.popleft()], True
+                if chunk is None and suspects and not flight:
+                    chunk = [suspects.popleft()]
                 if not chunk:
                     break
                 flight |= dict(chunk)
@@ -88,28 +83,22 @@ def dispatch(
                     if flight.pop(number, None) is not None:
                         done(number, end)
                     continue
-                for number, _ in told.jobs:
+                for number, job in told.jobs:
                     del flight[number]
-                if stopped():
-                    continue
-                if not told.words:
-                    chunks = chain([told.jobs], chunks)
-                for number, job in told.jobs if told.words else ():
-                    strikes[number] += 1
-                    if strikes[number] < workers.strikes:
-                        suspects.append((number, job))
+                    if stopped():
                         continue
-                    died = told.words.format(times=strikes[number])
-                    message = f"{job.picture.color}: {died}; see if it is damaged"
-                    done(number, Failed("worker-died", message))
+                    if number in suspected:
+                        message = f"{job.picture.color}: {told.words}; see if it is damaged"
+                        done(number, Failed("worker-died", message))
+                    else:
+                        suspected.add(number)
+                        suspects.append((number, job))
     finally:
         workers.close()
 
 
 Serve = Callable[[Connection], None]
-STRIKES = 3
 AT_ONCE = 3  # jobs of a busy process: one is read, one rendered and one written
-_FAILED_STARTS = 3  # processes that may die before they are ready
 _GRACE = 10.0  # seconds to wait for the end of a process
 _GLANCE = 0.1  # seconds between two checks for a stop
 READY = "ready"
@@ -152,22 +141,19 @@ def _received(connection: Connection, stopped: threading.Event) -> Iterator[tupl
 class Processes:
     """Processes for jobs; each starts with its first chunk."""
 
-    strikes = STRIKES
-
     def __init__(self, processes: int, serve: Serve = serve) -> None:
-        self.serve, self.apart = serve, processes
+        self.serve, self.maximum = serve, processes
         self.workers: list[_Worker] = []
-        self.failed_starts = 0
 
     def has_room(self) -> bool:
         """Whether another chunk can be submitted."""
-        return len(self.workers) < self.apart or any(each.has_room for each in self.workers)
+        return len(self.workers) < self.maximum or any(each.has_room for each in self.workers)
 
     def submit(self, chunk: Chunk) -> None:
         """Submit a chunk to an idle process, to a new one, or to one that will soon be idle."""
         ready = [each for each in self.workers if each.has_room]
         least = min(ready, key=lambda each: len(each.flight), default=None)
-        if least is None or (least.flight and len(self.workers) < self.apart):
+        if least is None or (least.flight and len(self.workers) < self.maximum):
             self.workers.append(least := _Worker(self.serve))
         least.send(chunk)
 
@@ -180,7 +166,7 @@ class Processes:
                 while each.connection.poll():
                     message = each.connection.recv()
                     if message == READY:
-                        each.ready, self.failed_starts = True, 0
+                        each.ready = True
                     else:
                         each.flight.pop(message[0], None)
                         yield message
@@ -190,14 +176,17 @@ class Processes:
     def _lost(self, each: _Worker) -> Lost:
         self.workers.remove(each)
         each.kill()
+        code = each.process.exitcode
         if not (each.ready or each.stopping):
-            self.failed_starts += 1
-        if self.failed_starts >= _FAILED_STARTS:
-            problem = f"die when they start (exit code {each.process.exitcode})"
-            raise InputError(
-                "worker-died", problem, "see if 'defocus render' works", path="worker processes"
-            )
-        return Lost([*each.flight.items()], _death(each.process.exitcode) if each.ready else "")
+            problem = f"die when they start (exit code {code})"
+            remedy = "see if 'defocus render' works"
+            raise InputError("worker-died", problem, remedy, path="worker processes")
+        how = f"with exit code {code}"
+        if code is not None and code < 0:
+            with suppress(ValueError):
+                how = f"by {signal.Signals(-code).name}"
+        words = f"2 processes that worked on it died, the last {how}"
+        return Lost([*each.flight.items()], words)
 
     def stop(self) -> None:
         """Begin no further job; processes that are not ready end."""
@@ -255,14 +244,6 @@ class _Worker:
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)
-
-
-def _death(code: int | None) -> str:
-    how = f"with exit code {code}"
-    if code is not None and code < 0:
-        with suppress(ValueError):
-            how = f"by {signal.Signals(-code).name}"
-    return f"{{times}} processes that worked on it died, the last {how}"
 
 
 @contextmanager

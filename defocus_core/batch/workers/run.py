@@ -13,6 +13,8 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, End], None]
 Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
+MAX_IN_A_CHUNK = 8
 
 
 @dataclass(frozen=True)
@@ -58,49 +61,36 @@ class Execution:
     source: JobsSource | None = None  # the jobs file to keep, if any
 
 
-_DUE, _LATER = 1, 2  # marks of jobs to do, now or beyond the limit; others have 0
+_numbers = partial(array, "I")
 
 
 @dataclass
 class Plan:
-    """The jobs of a run to do, as a mark for each; jobs are made on access."""
+    """The jobs of a run, by number: done before, to do now, and to do beyond the limit."""
 
     jobs: Sequence[Job]
     ledger: Ledger
-    marks: bytearray = field(default_factory=bytearray)
-    # of finished jobs, by number: inputs that have moved, or empty if the split changed
+    settled: array[int] = field(default_factory=_numbers)
+    due: array[int] = field(default_factory=_numbers)
+    later: array[int] = field(default_factory=_numbers)
+    # of settled jobs: inputs that have moved, or empty if the split changed
     moved: dict[int, Stamps] = field(default_factory=dict)
     again: Counter[str] = field(default_factory=Counter)  # reasons to do jobs again, in words
     kept: Counter[str] = field(default_factory=Counter)  # reasons of changed jobs that are kept
 
-    @property
-    def due(self) -> int:
-        """The number of jobs to do now."""
-        return self.marks.count(_DUE)
+    def of(self, *numbers: Iterable[int]) -> Iterator[Job]:
+        """The jobs of numbers."""
+        return (self.jobs[number] for number in chain(*numbers))
 
-    @property
-    def later(self) -> int:
-        """The number of jobs beyond the limit."""
-        return self.marks.count(_LATER)
-
-    @property
-    def todo(self) -> Iterator[tuple[int, Job]]:
-        """The jobs to do now, with their numbers."""
-        return ((n, self.jobs[n]) for n, mark in enumerate(self.marks) if mark == _DUE)
-
-    @property
-    def unfinished(self) -> Iterator[Job]:
-        """The jobs to do, now or later."""
-        return (job for job, mark in zip(self.jobs, self.marks, strict=True) if mark)
-
-    @property
-    def settled(self) -> Iterator[Job]:
-        """The jobs that are done."""
-        return (job for job, mark in zip(self.jobs, self.marks, strict=True) if not mark)
+    def recorded(self, number: int) -> Record:
+        """The record of a settled job."""
+        found = self.ledger.number_of(self.jobs[number].names.values())
+        assert found is not None
+        return self.ledger.record(found)
 
     def began(self) -> bool:
         """Whether an output of the jobs to do exists."""
-        return any(os.path.lexists(path) for _, job in self.todo for path in job.written)
+        return any(os.path.lexists(path) for job in self.of(self.due) for path in job.written)
 
 
 @without_collections()
@@ -114,45 +104,40 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         update.refuse_foreign(out, {job.split.name for job in jobs}, packed)
     is_file, forced = writes_file(jobs), any(job.outputs.overwrite for job in jobs)
     ledger = Ledger(out, is_empty=is_file)
-    plan = _assigned(jobs, ledger, execution.shard, forced=forced)
-    _decide(plan, execution, forced=forced)
-    resume.refuse_others(plan.unfinished, ledger, keep_lenses=execution.keep_lenses)
-    begun = set() if is_file else runs.begun_samples(out, execution.shard)
-    refuse_unknown((job for job in plan.unfinished if job.sample_id not in begun), ledger.is_known)
-    return plan
-
-
-def _assigned(jobs: Sequence[Job], ledger: Ledger, shard: Shard | None, *, forced: bool) -> Plan:
-    """The plan of jobs, with the recorded splits of samples unless it is forced."""
     if any(job.split.choices for job in jobs):
         from defocus_core.request.splits import with_recorded
 
         recorded = {} if forced else ledger.splits
-        jobs = with_recorded(jobs, recorded, all_scenes=shard is None)
-    return Plan(jobs, ledger)
+        jobs = with_recorded(jobs, recorded, all_scenes=execution.shard is None)
+    plan = Plan(jobs, ledger)
+    _decide(plan, execution, forced=forced)
+    begun = set() if is_file else runs.begun_samples(out, execution.shard)
+    _refuse_to_replace(plan, begun, keep_lenses=execution.keep_lenses)
+    return plan
 
 
 def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
-    """Mark the jobs of a plan to do, now or beyond the limit; all if it is forced."""
-    left = len(plan.jobs) if execution.limit is None else execution.limit
+    """Tell finished jobs of a plan from those to do, now or beyond the limit; all if forced."""
+    ledger = plan.ledger
+    decided = partial(resume.decided, ledger=ledger, read_inputs=execution.read_inputs)
     for number, job in enumerate(plan.jobs):
-        found = resume.Decision(False)
-        if not forced:
-            found = resume.decided(job, plan.ledger, read_inputs=execution.read_inputs)
-        is_kept = execution.new_only and found.again and _has_outputs(job, plan.ledger)
-        if is_kept:
-            plan.kept[found.again] += 1
-        elif found.again and found.again != resume.AGAIN["failed"]:
-            plan.again[found.again] += 1
-        if found.moved is not None:
-            plan.moved[number] = found.moved
-        if found.is_done or is_kept:
-            plan.marks.append(0)
-        elif left:
-            plan.marks.append(_DUE)
-            left -= 1
+        again, moved = ("", None) if forced else decided(job)
+        is_kept = (
+            execution.new_only
+            and bool(again)
+            and ledger.is_ok(ledger.number_of(job.names.values()))
+            and all(map(os.path.exists, job.written))
+        )
+        if again and (is_kept or again != resume.AGAIN["failed"]):
+            (plan.kept if is_kept else plan.again)[again] += 1
+        if moved is not None:
+            plan.moved[number] = moved
+        if again is None or is_kept:
+            plan.settled.append(number)
+        elif execution.limit is None or len(plan.due) < execution.limit:
+            plan.due.append(number)
         else:
-            plan.marks.append(_LATER)
+            plan.later.append(number)
 
 
 def writes_file(jobs: Sequence[Job]) -> bool:
@@ -160,53 +145,38 @@ def writes_file(jobs: Sequence[Job]) -> bool:
     return any(job.outputs.file for job in jobs)
 
 
-def _has_outputs(job: Job, ledger: Ledger) -> bool:
-    """Whether a record has all files of a job, and they exist."""
-    number = ledger.number_of(job.names.values())
-    return ledger.is_ok(number) and all(map(os.path.exists, job.written))
-
-
-_NAME_BYTES = 255  # the longest name of a file on Linux
+def _outputs_of(jobs: Sequence[Job]) -> set[Outputs]:
+    """The outputs of jobs, which most share; hashing those of each would take long."""
+    return {*{id(job.outputs): job.outputs for job in jobs}.values()}
 
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
     """Refuse jobs that would replace outputs of one another or their inputs."""
     _refuse_clashes(jobs)
-    every = {id(job.outputs): job.outputs for job in jobs}.values()  # hashing each would take long
-    for outputs in {*every}:
-        list(_places_of(outputs))
-    folders = {folder.resolve() for outputs in every for folder in outputs.folders}
+    every = _outputs_of(jobs)
+    for outputs in every:
+        _check_folders(outputs, os.F_OK)
     # values shared by many jobs are checked once
     parts = {id(part): part for job in jobs for part in (job.picture, job.lens, job.shot) if part}
-    named = [str(path) for part in parts.values() for path in part.files.values()]
-    for text in named:
+    inputs = [str(path) for part in parts.values() for path in part.files.values()]
+    for text in inputs:
         require_utf_8(text)
-    # Path.resolve raises for circular links; the reader reports them.
-    named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
-    split = [os.path.split(path) for path in named]
-    places = {folder: Path(folder).resolve() for folder in {folder for folder, _ in split}}
-    if folders.isdisjoint(places.values()):  # a batch has many outputs, but rarely such inputs
-        return
-    inputs = {places[folder] / name for folder, name in split}
-    for path in (path for job in jobs for path in job.written):
-        if path.parent.resolve() / path.name in inputs:
+    inputs += map(os.path.realpath, filter(os.path.islink, inputs))
+    real = cache(os.path.realpath)  # a batch has many outputs, but few folders
+    folders = {real(folder) for outputs in every for folder in outputs.folders}
+    split = ((real(folder), name) for folder, name in map(os.path.split, inputs))
+    there = {(folder, name) for folder, name in split if folder in folders}
+    for path in (path for job in jobs for path in job.written) if there else ():
+        if (real(path.parent), path.name) in there:
             raise replaces_input(path)
 
 
 def _refuse_clashes(jobs: Sequence[Job]) -> None:
     import numpy as np
 
-    hashes = array("q")  # a table of all names takes 200 MB for a million
-    for job in jobs:
-        for name in job.names.values():
-            hashes.append(hash((job.outputs.root, name)))
-            if len(name) > _NAME_BYTES // 4 or not name.isascii():
-                require_utf_8(name)
-                length = len(name.rpartition("/")[2].encode())
-                if length > _NAME_BYTES:
-                    problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
-                    remedy = "give the picture a shorter name or stem"
-                    raise InputError("too-large", problem, remedy, path=job.outputs.root / name)
+    # A table of all names takes 200 MB for a million.
+    names = ((job.outputs.root, name) for job in jobs for name in job.names.values())
+    hashes = np.fromiter(map(hash, names), np.int64)
     if len(np.unique(hashes)) == len(hashes):
         return
     count = Counter((job.outputs.root, name) for job in jobs for name in job.names.values())
@@ -216,40 +186,30 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
         raise InputError("duplicate", problem, remedy, path=root / name)
 
 
-def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None:
-    """Refuse to replace files that the journal does not know."""
-    existing, journal = list[Path](), ""
-    for job in jobs:
-        root, overwrite = job.outputs.root, job.outputs.overwrite
-        for name in job.names.values():
-            if not os.path.lexists(f"{root}/{name}"):  # making paths takes long for a million jobs
+def _refuse_to_replace(plan: Plan, begun: Collection[str], *, keep_lenses: bool) -> None:
+    """Refuse to replace files of other pictures or lenses, or that the journal does not know."""
+    ledger, unknown, journal = plan.ledger, list[Path](), ""
+    for job in plan.of(plan.due, plan.later):
+        root = job.outputs.root
+        for name in () if job.outputs.overwrite else job.names.values():
+            if not os.path.lexists(f"{root}/{name}"):  # a path for each would take long
                 continue
-            path = root / name
-            if path.is_dir():
-                problem = "is a directory where a file is to be written"
-                raise InputError("wrong-type", problem, "choose another -o", path=path)
-            if not overwrite and not is_known(name):
-                existing.append(path)
+            if (number := ledger.last.get(name)) is not None:
+                record = ledger.record(number)
+                if words := resume.other_words(job, record, ledger.out, keep_lenses=keep_lenses):
+                    remedy = "choose another -o, or add ‹overwrite› to replace it"
+                    raise InputError("exists", f"exists already, {words}", remedy, path=root / name)
+            if job.sample_id not in begun and not ledger.is_known(name):
+                unknown.append(root / name)
                 journal = "" if job.outputs.file else ", and the journal does not know it"
-    if existing:
-        others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
-        raise InputError(
-            "exists",
-            f"exists already{others}{journal}",
-            "move it away, choose another -o, or add ‹overwrite› to render all again",
-            path=existing[0],
-        )
+    if unknown:
+        others = f" (and {len(unknown) - 1} more)" if len(unknown) > 1 else ""
+        remedy = "move it away, choose another -o, or add ‹overwrite› to render all again"
+        raise InputError("exists", f"exists already{others}{journal}", remedy, path=unknown[0])
 
 
-def refuse_unwritable(outputs: Outputs) -> None:
-    """Refuse a directory that cannot be written to."""
-    for place in _places_of(outputs):
-        if not os.access(place, os.W_OK | os.X_OK):
-            raise InputError("unwritable", "cannot be written to", "choose another -o", path=place)
-
-
-def _places_of(outputs: Outputs) -> Iterator[Path]:
-    """The folders of outputs, or the nearest existing one above each."""
+def _check_folders(outputs: Outputs, mode: int) -> None:
+    """Refuse folders of outputs that are links or files, or that lack the `mode` of access."""
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
@@ -257,33 +217,13 @@ def _places_of(outputs: Outputs) -> Iterator[Path]:
             problem = "is a symbolic link below the output directory"
             remedy = "make it a directory, or name another -o"
             raise InputError("link", problem, remedy, path=folder)
-        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not existing.is_dir():
-            raise InputError(
-                "wrong-type",
-                "is a file where a directory is needed",
-                "choose another -o",
-                path=existing,
-            )
-        yield existing
-
-
-MAX_IN_A_CHUNK = 8
-
-
-class Listener:
-    """Receives the events of a batch."""
-
-    def __init__(self, tell: Callable[[Job, Record], None] | None = None) -> None:
-        self._tell = tell
-
-    def planned(self, plan: Plan) -> None:
-        """Called before the first job."""
-
-    def ended(self, job: Job, record: Record) -> None:
-        """Called when a job has ended, and is in the journal."""
-        if self._tell is not None:
-            self._tell(job, record)
+        place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        remedy = "choose another -o"
+        if not place.is_dir():
+            problem = "is a file where a directory is needed"
+            raise InputError("wrong-type", problem, remedy, path=place)
+        if not os.access(place, mode):
+            raise InputError("unwritable", "cannot be written to", remedy, path=place)
 
 
 @dataclass
@@ -305,30 +245,43 @@ class Summary:
     error: Exception | None = None  # the error of a lone job
 
 
-def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
-    """Do jobs that write to OUT. A lone job of one file needs no lock and no journal."""
-    has_journal = not writes_file(jobs)
+def run(
+    jobs: Sequence[Job],
+    out: Path,
+    execution: Execution,
+    ended: Callable[[Job, Record], None] | None = None,
+    planned: Callable[[Plan], None] | None = None,
+) -> Summary:
+    """Do jobs that write to OUT. A lone job of one file needs no lock and no journal.
+
+    `ended`: called with each job that has ended, and is in the journal; `planned`: called before
+    the first job.
+    """
+    has_journal, every = not writes_file(jobs), _outputs_of(jobs)
     lock = runs.locked(out, execution.shard) if has_journal else nullcontext(lambda: None)
-    labels = {label for job in jobs for label in job.outputs.labels}
-    with _output_folders({job.outputs for job in jobs}, out), lock as require_lock:
+    labels = {label for outputs in every for label in outputs.labels}
+    with _output_folders(every, out), lock as require_lock:
         if has_journal and execution.shard is None:
             runs.sweep_up(out, labels)  # half-written files of killed runs
             runs.gather(out)
         elif execution.shard is not None:  # other shards write to OUT, too
             runs.refuse_other_division(out, execution.shard)
         plan = make_plan(jobs, out, execution)
-        listener.planned(plan)
-        state = _State(plan, execution, listener)
+        if planned is not None:
+            planned(plan)
+        state = _State(plan, execution)
         if plan.due or plan.moved:
             with _recording(state) if has_journal else nullcontext(lambda _: None) as append:
                 for number, stamps in plan.moved.items():
-                    append(resume.moved_record(plan.jobs[number], plan.ledger, stamps))
+                    job, record = plan.jobs[number], plan.recorded(number)
+                    record = record.with_files(inputs={**record.inputs, **stamps})
+                    append(copy(record, split=job.split.name))
 
                 def done(number: int, end: End) -> None:
                     require_lock()
-                    if record := state.record(number, end):
-                        append(record)
-                        state.count(plan.jobs[number], record)
+                    record = state.done(number, end, append)
+                    if ended is not None:
+                        ended(plan.jobs[number], record)
 
                 with state.interruptible():
                     if plan.due:
@@ -340,6 +293,7 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
             runs.run_path(out).unlink(missing_ok=True)
         if has_journal:
             _index({job.sample_id for job in jobs}, state)
+            _tell_backs(state)
     return state.summary
 
 
@@ -347,15 +301,16 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
 def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
     """Yield the function that appends records; the run is noted in OUT while jobs are left."""
     plan, shard = state.plan, state.execution.shard
-    out = plan.ledger.out
-    records = plan.ledger.counts()
-    path = runs.note_run(out, shard, {j.sample_id: records[j.sample_id] for j in plan.unfinished})
+    out, records = plan.ledger.out, plan.ledger.counts()
+    names = (job.sample_id for job in plan.of(plan.due, plan.later))
+    path = runs.note_run(out, shard, {name: records[name] for name in names})
     if (out / runs.INDEX).exists():
         from defocus_core.batch.datasets import update
 
         state.withdrawn = update.withdraw(out)
     try:
-        with Journal(journal_path(out, shard), plan.began) as journal:
+        own = journal_path(out, shard)
+        with Journal(own, plan.ledger.end_of(own), plan.began) as journal:
             yield journal.append
     except BaseException:
         if len(plan.jobs) == 1 and not plan.began():
@@ -378,25 +333,27 @@ def _index(asked: Collection[str], state: _State) -> None:
         from defocus_core.batch.datasets import sample_index, update
 
         is_other |= execution.shards_size is not None
-        if is_other or sample_index.listed(out) != state.done_before():
+        is_ok, last = plan.ledger.is_ok, plan.ledger.last.get
+        settled = plan.of(() if is_other else plan.settled)
+        there = {j.sample_id for j in settled if any(is_ok(last(n)) for n in j.names.values())}
+        if is_other or sample_index.listed(out) != there:
             summary.written = update.index(out, execution.shards_size, names)
-    _tell_backs(state)
 
 
 def _tell_backs(state: _State) -> None:
     """Warn that pictures of another back stay beside those of this run."""
-    before, made = state.backs_before(), state.backs
-    if before and made and before != made:
+    ledger, made = state.plan.ledger, state.backs
+    before = {ledger.outcomes[number].back for number in ledger.live()} - {""}
+    if state.plan.settled and made and before not in (made, set()):
         earlier, later = (" and ".join(sorted(backs)) for backs in (before, made))
-        out = state.plan.ledger.out
-        note(f"{out}: earlier pictures are by {earlier}, those of this run by {later}")
+        note(f"{ledger.out}: earlier pictures are by {earlier}, those of this run by {later}")
 
 
 @contextmanager
 def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
     """Make OUT for the block, and remove new folders that are empty at its end."""
     for outputs in every:
-        refuse_unwritable(outputs)
+        _check_folders(outputs, os.W_OK | os.X_OK)
     folders = {folder for outputs in every for folder in outputs.folders} - {out}
     new = [f for f in (*folders, out, *out.absolute().parents) if not f.exists()]
     try:
@@ -414,14 +371,11 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
 class _State:
     """The state of a run: its jobs and their results."""
 
-    def __init__(self, plan: Plan, execution: Execution, listener: Listener) -> None:
-        self.plan, self.execution, self.listener = plan, execution, listener
-        unfinished = plan.due + plan.later
-        settled = len(plan.jobs) - unfinished
-        self.summary = Summary(
-            len(plan.jobs), settled, unfinished, again=plan.again, kept=plan.kept
-        )
-        self.interrupts = Interrupts(patient=plan.due > 1)
+    def __init__(self, plan: Plan, execution: Execution) -> None:
+        self.plan, self.execution = plan, execution
+        jobs, settled = len(plan.jobs), len(plan.settled)
+        self.summary = Summary(jobs, settled, jobs - settled, again=plan.again, kept=plan.kept)
+        self.interrupts = Interrupts(patient=len(plan.due) > 1)
         self.withdrawn: set[str] | None = None  # samples of the removed index
         self.backs: set[str] = set()  # backs of the new pictures
         self.stopping = False
@@ -441,65 +395,27 @@ class _State:
         """Whether to begin no further job."""
         return self.stopping or self.interrupts.asked
 
-    def done_before(self) -> set[str]:
-        """The samples finished before."""
-        ledger = self.plan.ledger
-        return {
-            job.sample_id
-            for job in self.plan.settled
-            if any(ledger.is_ok(ledger.last.get(name)) for name in job.names.values())
-        }
-
-    def backs_before(self) -> set[str]:
-        """The backs of pictures finished before, which stay."""
-        ledger = self.plan.ledger
-        numbers = (ledger.last.get(n) for job in self.plan.settled for n in job.names.values())
-        return {ledger.outcomes[n].back for n in numbers if n is not None and ledger.is_ok(n)}
-
     def chunks(self) -> Iterator[Chunk]:
         """Consecutive jobs of one picture, in chunks that keep all workers busy."""
-        maximum = max(1, min(MAX_IN_A_CHUNK, self.plan.due // (4 * self.execution.spread)))
-        chunk: Chunk = []
-        for number, job in self.plan.todo:
-            if chunk and (len(chunk) == maximum or chunk[-1][1].picture != job.picture):
+        due = self.plan.due
+        size = max(1, min(MAX_IN_A_CHUNK, len(due) // (4 * self.execution.spread)))
+        numbered = zip(due, self.plan.of(due), strict=True)
+        for _, of_picture in groupby(numbered, key=lambda each: each[1].picture):
+            while chunk := [*islice(of_picture, size)]:
                 if self.stopped():
                     return
                 yield chunk
-                chunk = []
-            chunk.append((number, job))
-        if chunk and not self.stopped():
-            yield chunk
 
-    def record(self, number: int, end: End) -> Record | None:
-        """The record of an ended job; None for a lone job whose error ends the run."""
-        job, out = self.plan.jobs[number], self.plan.ledger.out
-        places = {role: input_path(path, out) for role, path in job.files.items()}
-        inputs = {r: copy(end.inputs.get(r, Stamp()), path=place) for r, place in places.items()}
-        outputs = end.outputs or {name: Stamp(path) for name, path in job.names.items()}
-        record = Record(
-            sample_id=job.sample_id,
-            split=job.split.name,
-            recipe=resume.recipe(job),
-            status=end.status,
-            settings=resume.settings(job),
-            quality=job.machine.quality,
-            **resume.versions(),
-            finished=now(),
-            end=copy(end, inputs=inputs, outputs=outputs),
-        )
-        if isinstance(end, Failed):
-            if end.reason == "no-space" and not self.execution.raises:
-                path, _, problem = end.message.partition(": ")
-                raise InputError("no-space", problem, path=path)  # no other job will find space
-            if self.execution.raises:
-                self.summary.error = end.error
-                self.count(job, record)
-                return None
-        return record
-
-    def count(self, job: Job, record: Record) -> None:
-        """Count a recorded job, and tell the listener."""
-        summary, end = self.summary, record.end
+    def done(self, number: int, end: End, append: Callable[[Record], None]) -> Record:
+        """Count an ended job, and append its record, unless its error ends a lone one."""
+        record, summary = self.record(number, end), self.summary
+        if isinstance(end, Failed) and self.execution.raises:
+            summary.error = end.error
+        elif end.reason == "no-space":
+            path, _, problem = end.message.partition(": ")
+            raise InputError("no-space", problem, path=path)  # no other job will find space
+        else:
+            append(record)
         if isinstance(end, Completed):
             self.backs.add(end.back)
         summary.left -= 1
@@ -510,4 +426,22 @@ class _State:
             summary.reasons[end.reason] += 1
         if end.status == "failed" and self.execution.fail_fast:
             self.stopping = True
-        self.listener.ended(job, record)
+        return record
+
+    def record(self, number: int, end: End) -> Record:
+        """The record of an ended job."""
+        job, out = self.plan.jobs[number], self.plan.ledger.out
+        places = {role: input_path(path, out) for role, path in job.files.items()}
+        inputs = {r: copy(end.inputs.get(r, Stamp()), path=place) for r, place in places.items()}
+        outputs = end.outputs or {name: Stamp(path) for name, path in job.names.items()}
+        return Record(
+            sample_id=job.sample_id,
+            split=job.split.name,
+            recipe=resume.recipe(job),
+            status=end.status,
+            settings=resume.settings(job),
+            quality=job.machine.quality,
+            **resume.versions(),
+            finished=now(),
+            end=copy(end, inputs=inputs, outputs=outputs),
+        )

@@ -1,7 +1,4 @@
-"""The report of comparisons: an item for each pair, failures first, the worst at the top.
-
-It holds the values of the worst pairs, as far as there is room.
-"""
+"""The report of comparisons: an item for each pair, failures first, the worst at the top."""
 
 from __future__ import annotations
 
@@ -33,16 +30,16 @@ from defocus_core.reports.comparison_words import (
     place_words,
     worst_words,
 )
-from defocus_core.reports.html.item import Column, Item, Layer, Report
-from defocus_core.reports.html.layers import draw_pair
-from defocus_core.reports.html.page import ValuesRoom, write_report
+from defocus_core.reports.html.item import Item, Layer
+from defocus_core.reports.html.layers import WHOLE, draw_pair
+from defocus_core.reports.html.page import ROOM, THUMBNAILS, write_report
 from defocus_core.system.process import spread
 from defocus_core.system.text import command_line, counted
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 Ticked = Callable[[Comparison], str]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_HALF_LAYERS = 6  # halves per pixel: three channels of A and of B
+_HALVES = 6  # of a pixel: three channels of A and of B, at most a character each
 _numbers = count()
 
 
@@ -58,21 +55,19 @@ class ReportHeader:
     ticked: Ticked = lambda record: command_line(["--only", f"./{escape(record.name)}"])
 
 
-def write(
-    path: Path,
-    header: ReportHeader,
-    records: Sequence[Comparison],
-    settings: CompareSettings,
-    processes: int,
-) -> None:
+def write(path: Path, header: ReportHeader, records: Sequence[Comparison], processes: int) -> None:
     """Write the report of comparisons, failures first, the worst at the top."""
     ranked = sorted(records, key=rank)
     drawings = spread(_drawn, list(_wanted(ranked)), processes, "the report")
-    items = [
-        _item(record, *drawing, header) for record, drawing in zip(ranked, drawings, strict=True)
+    items = [_item(one, *drawing, header) for one, drawing in zip(ranked, drawings, strict=True)]
+    there = {name for item in items for name in item.metrics}
+    columns = [
+        {"name": name, "title": metric_title(name), "metric": METRICS[name]}
+        for name in _COLUMNS
+        if name in there
     ]
-    report = Report(header.title, header.words, items, columns_of(items), header.accept)
-    write_report(path, report)
+    title, words, accept = header.title, header.words, header.accept
+    write_report(path, items, columns, title=title, words=words, accept=accept)
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
@@ -85,10 +80,11 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
     """Pairs with whether to keep their values: of those that fail, as far as there is room."""
-    room = ValuesRoom(len(ranked))
+    room = ROOM - min(ROOM // 2, len(ranked) * THUMBNAILS)
     for record in ranked:
-        looked_at = not record.passes or record.status == WARNING
-        yield record, looked_at and room.takes(record.size or (0, 0), _HALF_LAYERS)
+        is_valued = room > 0 and (not record.passes or record.status == WARNING)
+        room -= is_valued * min(math.prod(record.size or (0, 0)), WHOLE) * _HALVES
+        yield record, is_valued
 
 
 def _drawn(wanted: tuple[Comparison, bool]) -> tuple[Sequence[Layer], float]:
@@ -134,16 +130,6 @@ def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
     return ((term, text) for term, text in rows if text)
 
 
-def columns_of(items: Sequence[Item]) -> list[Column]:
-    """The columns of metrics that some item has."""
-    there = {name for item in items for name in item.metrics}
-    return [
-        Column(name, metric_title(name), METRICS[name].unit, METRICS[name].better == "high")
-        for name in _COLUMNS
-        if name in there
-    ]
-
-
 def setting_lines(settings: CompareSettings) -> list[str]:
     """Lines on the parts of the pictures that were compared; empty for all."""
     chosen = {
@@ -184,4 +170,4 @@ def write_checks(folder: Path, path: Path) -> None:
     title, b = "Goldens of a run of pytest", "the picture of the test"
     words = [f"{counted(len(kept), 'golden')} failed"]
     header = ReportHeader(title, words, commands, b, "pytest --golden-update", ticked)
-    write(path, header, [record for record, _ in kept], CompareSettings(), processes=1)
+    write(path, header, [record for record, _ in kept], processes=1)

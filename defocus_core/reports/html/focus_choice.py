@@ -7,11 +7,11 @@ shows the one nearest to the choice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,11 @@ from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.reports.html.item import LIGHT, PLAIN, Item, Layer
 from defocus_core.reports.html.layers import pack
 from defocus_core.reports.html.page import KEYS, plain, write_page
-from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues, lens_record
-from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.job_options import READING_OPTIONS
+from defocus_core.request.lens import DEFAULTS, LensValues, lens_record
+from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS, RECORDED
 from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
@@ -214,16 +214,75 @@ def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> 
 
 def _strength_words(lens: LensValues) -> dict[str, str]:
     """A strength in words, and as an option."""
-    if lens.blur is not None:
-        text = LENS_OPTIONS["blur"].text(lens.blur)
-        return {"words": f"blur {text}", "option": f"--blur {text}"}
-    return {"words": f"f/{lens.fnum:g}", "option": f"--fnumber {lens.fnum:g}"}
+    if lens.blur is None:
+        return {"words": f"f/{lens.fnum:g}", "option": f"--fnumber {lens.fnum:g}"}
+    text = LENS_OPTIONS["blur"].text(lens.blur)
+    return {"words": f"blur {text}", "option": f"--blur {text}"}
 
 
 def _command(job: Job, color: Color) -> str:
     """The command without focus and strength."""
-    record = {**lens_record(job.lens), **{k: str(v) for k, v in job.lens.files.items()}}
-    for name in ("blur", "focus_value", "focus_mm", "focus_at_px", "focus_percentile", "fnumber"):
-        record.pop(name, None)
+    record = lens_record(job.lens) | {key: str(path) for key, path in job.lens.files.items()}
+    chosen = ("blur", "focus_value", "focus_mm", "focus_at_px", "focus_percentile", "fnumber")
+    record = {key: value for key, value in record.items() if key not in chosen}
     out = "out.jpg" if color.within_white else "out.exr"
     return command_line(render_words(job.picture, out, record, settings(job)))
+
+
+# Options by the keys of a lens record; other keys tell how the lens was chosen.
+_LENS = {**RECORDED, **EFFECT_OPTIONS}
+_CHOICE = frozenset({"focus_at_px", "focus_percentile", "draw"})
+_MACHINE = ("quality", "depth_repair", "tile")
+
+
+def render_words(
+    picture: PictureFiles, out: object, lens: Mapping[str, Any], settings: Mapping[str, Any]
+) -> list[object]:
+    """The words of a command that renders a picture."""
+    words: list[object] = ["defocus", "render", picture.color]
+    words += [] if picture.depth == picture.color else [picture.depth]
+    words += ["-o", out, *_lens_words(lens)]
+    for role, other in picture.others.items():
+        words += [f"--{role}", other.color]
+        words += [other.depth] if role == "hidden" or other.depth != other.color else []
+    words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
+    machine = {key: settings[key] for key in _MACHINE if key in settings}
+    if machine["quality"] == Machine.quality:
+        del machine["quality"]
+    return words + _option_words(machine)
+
+
+def _lens_words(lens: Mapping[str, Any]) -> list[object]:
+    """The options of a lens."""
+    words: list[object] = []
+    for key, value in lens.items():
+        if value is None or key in _CHOICE or value == DEFAULTS.get(_LENS[key].field):
+            continue
+        row = _LENS[key]
+        text = value if isinstance(value, Path) else row.text(value) + row.optional_unit
+        words += [f"--{row.name}", text]
+    return words
+
+
+def _option_words(values: Mapping[str, Any]) -> list[object]:
+    """The options of plain settings; those at their default are left out."""
+    words: list[object] = []
+    for field, value in values.items():
+        if field == "relative":  # implied by a blur in pixels
+            continue
+        option = f"--{field.replace('_', '-')}"
+        row = READING_OPTIONS.get(option.removeprefix("--"))
+        if row is not None and row.flag:
+            words.append(option)
+        elif row is not None and row.toggle:
+            words.append(option if value else f"--no-{row.name}")
+        elif row is not None:
+            text = row.text(value)
+            words += [option, *(text.split() if row.words > 1 else [text])]
+        elif field == "geometry":
+            words.append(f"--{value}")
+        elif field == "kinds":
+            words += ["--outputs", ",".join(value)]
+        else:
+            words += [option] if value is True else [option, f"{value}"]
+    return words

@@ -62,24 +62,3 @@ class Item:
     layers: Sequence[Layer] = ()  # the first two are shown first
     full: float = 1.0  # the difference at the hottest colour
     place: tuple[int, int] | None = None  # column and row of the worst pixel
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of numbers: the name of a metric, its title, unit, and whether high is better."""
-
-    name: str
-    title: str
-    unit: str = ""
-    high: bool = False
-
-
-@dataclass(frozen=True)
-class Report:
-    """A report."""
-
-    title: str
-    words: Sequence[str]  # lines on what was compared
-    items: Sequence[Item]  # the most important first
-    columns: Sequence[Column]  # the numbers that the table shows
-    accept: str = ""  # beginning of the command that accepts the ticked items

@@ -43,16 +43,10 @@ _LEVEL = 4  # level of zlib: 6 takes twice the time for 3 % less
 _USUAL = 95  # percentile of the pixels that differ, at the hottest colour
 
 
-def common_scale(planes: Sequence[NDArray[Any]]) -> float:
-    """The factor from halves to the values of planes, which may exceed the greatest half."""
+def scale_of(planes: Sequence[NDArray[Any]], *, least: float = 1.0) -> float:
+    """The power of 2 by which halves, the greatest one at most, hold the values of planes."""
     maximum = max(map(largest, planes), default=0.0)
-    return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
-
-
-def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
-    """The factor that brings the greatest value of planes to between ½ and 1."""
-    maximum = max(map(largest, planes), default=0.0)
-    return 2.0 ** math.ceil(math.log2(maximum)) if maximum else 1.0
+    return max(least, 2.0 ** math.ceil(math.log2(maximum / _LARGEST))) if maximum else 1.0
 
 
 def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
@@ -121,13 +115,11 @@ def draw(
     """A layer of some channels of a picture."""
     planes = [picture.planes[name] for name in names]
     kind = kind_of(names)
-    if value_range is None:
-        value_range = thumbnails.ends_of(planes[0], kind)
-    thumbnail = (
-        thumbnails.of_light(planes, picture.gamma)
-        if kind == LIGHT
-        else thumbnails.of_map(planes[0], value_range)
-    )
+    value_range = value_range or thumbnails.ends_of(planes[0], kind)
+    if kind == LIGHT:
+        thumbnail = thumbnails.of_light(planes, picture.gamma)
+    else:
+        thumbnail = thumbnails.of_map(planes[0], value_range)
     height, width = planes[0].shape
     layer = Layer(
         *(key, title, kind, tuple(names), (width, height), picture.gamma, value_range),
@@ -172,14 +164,14 @@ def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) 
         for each in drawn
         if each.layer.size == size
     }
-    shared = common_scale([plane for key in (A, B) for plane in cut.get(key, ())])
+    shared = scale_of([plane for key in (A, B) for plane in cut.get(key, ())])
     layers, base = [], None
     for layer in (each.layer for each in drawn):
         planes, values = cut.get(layer.key, ()), None
         if layer.kind == HEAT:
             values = _difference(cut[A], cut[B], shared, box)
         elif planes:
-            scale = shared if layer.key in (A, B) else common_scale(planes)
+            scale = shared if layer.key in (A, B) else scale_of(planes)
             bits = half_bits(planes, scale)
             values = pack(bits, box, scale, base if layer.key == B else None)
             base = (layer.key, bits) if layer.key == A else base
@@ -191,23 +183,17 @@ def _difference(
     a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]], scale: float, box: Box
 ) -> StoredValues | None:
     """The values of a difference, if those of A and B as halves do not give it exactly."""
-    planes, halves = [*a, *b], half_bits([*a, *b], scale).view(np.float16)
+    both = zip(half_bits([*a, *b], scale).view(np.float16), [*a, *b], strict=True)
     with np.errstate(all="ignore"):
-        if all(
-            np.array_equal(h, _scaled(p, scale), equal_nan=True)
-            for h, p in zip(halves, planes, strict=True)
-        ):
+        if all(np.array_equal(h, _scaled(p, scale), equal_nan=True) for h, p in both):
             return None
         planes = [np.subtract(new, old, dtype=np.float64) for old, new in zip(a, b, strict=True)]
-    step = unit_scale(planes)
+    step = scale_of(planes, least=0.0)
     return pack(half_bits(planes, step), box, step)
 
 
 def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
-    """The layers of a pair, with or without values, and the difference at the hottest colour.
-
-    Files that cannot be read are left out.
-    """
+    """The layers of the readable files of a pair, and the difference at the hottest colour."""
     equal = record.passes and not record.differing and record.b is not None
     a, b = None if equal else _read(record.a), _read(record.b)
     if not (a or b):
@@ -230,31 +216,27 @@ def _pair(
 ) -> tuple[list[Drawn], float]:
     """The layers A, B and their difference, as far as they exist, and the hottest difference."""
     sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
-    _, _, last = sides[-1]
-    names = [n for n in last.planes if all(n in each.planes for _, _, each in sides)]
+    names = [n for n in sides[-1][2].planes if all(n in each.planes for _, _, each in sides)]
     if not names:
         return [draw(k, t, each, shown_channels(list(each.planes))) for k, t, each in sides], 1.0
-    names_shown = shown_channels(names, record.channels)
-    first = sides[0][2]
-    value_range = draw(A, "A", first, names_shown).layer.ends
-    drawn = [
-        draw(key, title, each, names_shown, value_range=value_range) for key, title, each in sides
-    ]
+    shown = shown_channels(names, record.channels)
+    first = draw(*sides[0], shown)
+    drawn = [first, *(draw(*side, shown, value_range=first.layer.ends) for side in sides[1:])]
     if len(drawn) < 2 or drawn[0].planes[0].shape != drawn[1].planes[0].shape:
         return drawn, 1.0
     difference, full = difference_of(*drawn)
-    return (drawn if difference is None else [*drawn, difference]), full
+    return [*drawn, *difference], full
 
 
-def difference_of(a: Drawn, b: Drawn) -> tuple[Drawn | None, float]:
-    """The difference of two layers, and its value at the hottest colour; None if they are equal."""
+def difference_of(a: Drawn, b: Drawn) -> tuple[list[Drawn], float]:
+    """The difference of two layers, unless they are equal, and its value at the hottest colour."""
     greatest = _greatest(a.planes, b.planes)
     full = _full(greatest)
     if not full:
-        return None, 1.0
+        return [], 1.0
     thumbnail = thumbnails.of_difference(greatest, full)
     layer = replace(b.layer, key=DIFFERENCE, title="difference", kind=HEAT, thumbnail=thumbnail)
-    return Drawn(layer, []), full
+    return [Drawn(layer, [])], full
 
 
 def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[Any]:

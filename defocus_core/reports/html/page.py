@@ -4,9 +4,8 @@ The page loads nothing: style, script and all pictures are in the file. Names of
 and the browser runs only our script (by its hash, Content-Security-Policy). ``templates/page.*``
 has the common parts of pages, ``viewer.js`` the viewer of pictures.
 
-A file has a bounded size: thumbnails of the first two layers and their difference come first, up to
-a half of the room; then the values of the items in their order, each with all its layers; then the
-other thumbnails.
+A file has a bounded size: thumbnails of the items in their order take up to a half of the room,
+their values the rest.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -26,8 +25,8 @@ from defocus_core.errors import printable, with_dashes
 from defocus_core.io.replacing import require_replaceable
 from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.html import thumbnails
-from defocus_core.reports.html.item import Item, Layer, Report
-from defocus_core.reports.html.layers import DIFFERENCE, WHOLE, B
+from defocus_core.reports.html.item import Item, Layer
+from defocus_core.reports.html.layers import DIFFERENCE, B
 from defocus_core.system.text import counted
 
 # Keys of every page, and those of a report, with what they do.
@@ -50,26 +49,35 @@ _REPORT_KEYS = (
 _TONES = {"same": "good", "warning": "fair"}
 ROOM = 38_500_000  # characters of items, for a file of less than 40 MB
 _FRAME = 1500  # characters of an item besides its texts: names of layers, elements of the table
-_PACKED = 1.0  # greatest number of halves per character, where B is like A
-_THUMBNAILS = 30_000  # characters of the thumbnails of an item
+THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
-def write_report(path: Path, report: Report) -> None:
-    """Write the HTML file of a report, whole or not at all."""
-    items = fitted(report.items)
+def write_report(
+    path: Path,
+    items: Sequence[Item],
+    columns: Sequence[Mapping[str, Any]],
+    *,
+    title: str,
+    words: Sequence[str],
+    accept: str,
+) -> None:
+    """Write the HTML file of a report, whole or not at all.
+
+    `items`: the most important first; `columns`: name, title and metric of numbers; `words`: lines
+    on what was compared; `accept`: beginning of the command that accepts the ticked ones, or empty.
+    """
+    items = fitted(items)
     payloads: dict[str, str] = {}
     drawn = [plain(item, payloads) for item in items]
     write_page(
         path,
         "report",
-        data={"items": drawn, "accept": printable(report.accept)},
+        data={"items": drawn, "accept": printable(accept)},
         payloads=payloads,
-        title=printable(report.title),
-        report={
-            "words": [*map(printable, report.words), _room_words(items)],
-            "columns": report.columns,
-            "rows": drawn,
-        },
+        title=printable(title),
+        words=[*map(printable, words), _room_words(items)],
+        columns=columns,
+        rows=drawn,
         counts=Counter(item.status for item in items).items(),
         tones={item.status: _TONES.get(item.status, "bad") for item in items},
         pictures=[_row_pictures(item) for item in drawn],
@@ -127,61 +135,42 @@ def length(data: bytes) -> int:
     return -(-len(data) // 3) * 4
 
 
-class ValuesRoom:
-    """The room that items leave for values, estimated before they are drawn."""
-
-    def __init__(self, items: int) -> None:
-        self.left = float(ROOM - min(ROOM // 2, items * _THUMBNAILS))
-
-    def takes(self, size: Sequence[int], planes: int) -> bool:
-        """Whether there is room for the values of an item of (width, height) px, by estimate."""
-        wanted = self.left > 0
-        self.left -= wanted * min(math.prod(size), WHOLE) * planes / _PACKED
-        return wanted
-
-
 def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
     """The items without the payloads that exceed the room in characters."""
-    costs: dict[tuple[int, str, str], int] = {}  # by item, layer and part
-    first, valued, others = [], [], []
-    for n, item in enumerate(items):
-        for layer in item.layers:
-            costs[n, layer.key, "thumbnail"] = length(layer.thumbnail)
-            costs[n, layer.key, "values"] = length(layer.values.payload) if layer.values else 0
-        # The two that are shown at first, and their difference.
-        shown = {each.key for k, each in enumerate(item.layers) if k < 2 or each.key == DIFFERENCE}
-        first.append({(n, key, "thumbnail") for key in shown})
-        others.append({(n, e.key, "thumbnail") for e in item.layers if e.key not in shown})
-        values = {(n, each.key, "values") for each in item.layers if each.values}
-        valued.append(values and values | others[n])
-    kept: set[tuple[int, str, str]] = set()
-
-    def keep(groups: Sequence[set[tuple[int, str, str]]], room: int) -> int:
-        """Keep the groups that fit, also small ones after a too large one; return the room left."""
-        for group in groups:
-            cost = sum(costs[payload] for payload in group - kept)
-            if 0 < cost <= room:
-                room -= cost
-                kept.update(group)
-        return room
-
     room -= sum(map(text_room, items))
-    left = keep(first, room // 2) + room - room // 2
-    keep(others, keep(valued, left))
-    return [replace(item, layers=_kept_layers(n, item, kept)) for n, item in enumerate(items)]
+    thumbnails = [sum(length(layer.thumbnail) for layer in item.layers) for item in items]
+    values = [
+        sum(length(layer.values.payload) for layer in item.layers if layer.values) for item in items
+    ]
+    pictured, left = _fitting(thumbnails, room // 2)
+    valued, _ = _fitting(values, room - room // 2 + left)
+    return [
+        replace(item, layers=_kept(item.layers, thumbnail=n in pictured, values=n in valued))
+        for n, item in enumerate(items)
+    ]
 
 
-def _kept_layers(n: int, item: Item, kept: Container[tuple[int, str, str]]) -> list[Layer]:
+def _fitting(costs: Sequence[int], room: int) -> tuple[set[int], int]:
+    """The numbers of what fits, also of small ones after a too large one; and the room left."""
+    fitting = set[int]()
+    for number, cost in enumerate(costs):
+        if cost <= room:
+            fitting.add(number)
+            room -= cost
+    return fitting, room
+
+
+def _kept(layers: Sequence[Layer], *, thumbnail: bool, values: bool) -> list[Layer]:
     """The layers with a payload to show."""
-    layers = (
+    kept = (
         replace(
             layer,
-            thumbnail=layer.thumbnail if (n, layer.key, "thumbnail") in kept else b"",
-            values=layer.values if (n, layer.key, "values") in kept else None,
+            thumbnail=layer.thumbnail if thumbnail else b"",
+            values=layer.values if values else None,
         )
-        for layer in item.layers
+        for layer in layers
     )
-    return [layer for layer in layers if layer.thumbnail or layer.values]
+    return [layer for layer in kept if layer.thumbnail or layer.values]
 
 
 def text_room(item: Item) -> int:

@@ -28,7 +28,7 @@ SIGNED_COLORS = (NEAR, IN_FOCUS, FAR)
 
 def of_light(planes: Sequence[NDArray[Any]], gamma: float | None) -> bytes:
     """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
-    small = [reduced(_light(plane, gamma)[:, :, None]) for plane in planes]
+    small = [_reduced(_light(plane, gamma)[:, :, None]) for plane in planes]
     values = np.concatenate(small * (3 // len(small)), axis=2)
     bad = ~np.isfinite(values).all(axis=2)
     shown = linear_to_srgb(values)
@@ -51,7 +51,7 @@ def of_map(plane: NDArray[Any], value_range: tuple[float, float]) -> bytes:
     low, high = value_range
     with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
         share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
-        values = reduced(share.astype(np.float32)[:, :, None])
+        values = _reduced(share.astype(np.float32)[:, :, None])
     return encoded(quantised(values, 8), "png")
 
 
@@ -62,7 +62,9 @@ def of_difference(greatest: NDArray[Any], full: float) -> bytes:
     """
     with np.errstate(all="ignore"):
         share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
-    worst = reduced(share[:, :, None], worst=True)[:, :, 0]
+    worst, block = share, _block(share.shape)
+    for axis in (0, 1):
+        worst = np.maximum.reduceat(worst, range(0, share.shape[axis], block), axis=axis)
     amount = np.clip(np.nan_to_num(worst, nan=0.0, posinf=0.0), 0.0, 1.0)
     places = np.linspace(0, 1, len(HEATS))
     columns = [np.interp(amount, places, [color[k] for color in HEATS]) for k in range(3)]
@@ -85,19 +87,15 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def reduced(values: NDArray[Any], *, worst: bool = False) -> NDArray[np.float32]:
-    """The mean or greatest of blocks of [H, W, C], so that no side is longer than `SIDE`."""
-    factor = -(-max(values.shape[:2]) // SIDE)
-    if factor > 1:
-        gather: Any = np.maximum if worst else np.add
-        for axis in (0, 1):
-            starts = np.arange(0, values.shape[axis], factor)
-            counts = np.diff([*starts, values.shape[axis]]).astype(np.float32)
-            with np.errstate(all="ignore"):
-                values = gather.reduceat(values, starts, axis=axis)
-                if not worst:
-                    values = values / counts.reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
-    return values.astype(np.float32, copy=False)
+def _block(shape: tuple[int, ...]) -> int:
+    """Px along a side of the blocks that become a pixel, so that no side is longer than `SIDE`."""
+    return -(-max(shape[:2]) // SIDE)
+
+
+def _reduced(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Means of blocks of [H, W, C]."""
+    height, width = (-(-n // _block(values.shape)) for n in values.shape[:2])
+    return resized(values, (height, width))
 
 
 def resized(pixels: NDArray[Any], size: tuple[int, int]) -> NDArray[np.float32]:

@@ -1,10 +1,9 @@
 """The baseline is right where nothing occludes, and wrong where something does."""
 
 import pytest
-import torch
 from measures import inner, psnr, worst
 from reference import flatten, layered, lens_points, one_plane_within
-from scenes import SIZE, card_layers, pattern, plane, slanted, white
+from scenes import SIZE, card_layers, plane, white
 from tolerances import OVERSAMPLING, RENDERED, WHITE
 
 from defocus_core import render
@@ -18,11 +17,6 @@ def test_white_stays_white():
 def test_what_is_in_focus_stays_as_it_is():
     image, radius = plane(0.0)
     assert worst(plain_sum(image, radius), image) < RENDERED[image.dtype]
-
-
-def test_threads_change_nothing():
-    image, radius = pattern(), slanted()
-    assert torch.equal(plain_sum(image, radius), plain_sum(image, radius, threads=3))
 
 
 def test_a_plane_on_a_rung_is_one_convolution():

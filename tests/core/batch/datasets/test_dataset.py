@@ -13,7 +13,6 @@ from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
 from records import pack, write_index
 from refusals import refuses
 
-from defocus_cli.words import batch as batch_report
 from defocus_core import BatchDataset, decode_sample, run_batch
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.datasets.sample_index import row_of
@@ -26,8 +25,7 @@ HIGH = '[machine]\nquality = "high"\n'
 
 def carried_out(folder, text, name="out"):
     todo, out = jobs(folder, text + HIGH, inputs=INPUTS, out=name), folder / name
-    execution = run.Execution(pipeline.execute)
-    summary = run.run(todo, out, execution, batch_report.BatchReport(each=False))
+    summary = run.run(todo, out, run.Execution(pipeline.execute))
     return summary, list(Ledger(out).records())
 
 

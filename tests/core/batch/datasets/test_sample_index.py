@@ -118,7 +118,7 @@ def test_hugging_face_loads_a_set_without_splits(kinds, tmp_path, datasets):
 
 
 def write_all(out, records):
-    with Journal(journal_path(out)) as opened:
+    with Journal(journal_path(out), 0) as opened:
         for each in records:
             opened.append(record_of(json.dumps(each).encode()))
     update.index(out, None)

@@ -7,8 +7,6 @@ import tarfile
 from records import completed, pack
 from refusals import refuses
 
-from defocus_core.batch.datasets import tar_shards
-
 LARGE = 10**9
 
 
@@ -86,13 +84,6 @@ def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path):
     with refuses("unreadable"):
         pack(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
-
-
-def test_an_output_that_shrinks_while_it_is_packed_is_refused(tmp_path):
-    (tmp_path / "a.exr").write_bytes(b"EX")
-    sample = tar_shards.ShardSample("a", "", b"{}", {"coc.exr": ("a.exr", 3)})
-    with refuses("changed", path=tmp_path / "a.exr"):
-        list(sample.members(tmp_path))
 
 
 def test_the_order_is_shuffled_by_a_seed_if_asked(tmp_path):

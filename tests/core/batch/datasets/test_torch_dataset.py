@@ -200,6 +200,12 @@ def test_a_label_is_no_kind_and_no_path(name, tmp_path):
         run_batch({"inputs": inputs, "lens": {"blur": "2px", "focus": "2m"}}, tmp_path / "out")
 
 
+def test_labels_are_of_pictures_named_by_patterns(tmp_path):
+    inputs = {"pictures": [{"color": "a.exr"}], "carry": {"masks": "masks/*.png"}}
+    with refuses("idle-option", "the rows of pictures"):
+        run_batch({"inputs": inputs, "lens": {"blur": "2px", "focus": "2m"}}, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("options", "code"),
     [

@@ -58,7 +58,9 @@ def record(name, status="ok", *kinds, **values):
 
 
 def write(path, *records):
-    with Journal(path) as journal:
+    before = JournalFile(path)
+    assert all(before.lines())
+    with Journal(path, before.end) as journal:
         for each in records:
             journal.append(each)
 
@@ -66,7 +68,7 @@ def write(path, *records):
 def read(path):
     """The records of a journal."""
     reader = JournalFile(path)
-    return [reader.record(begin) for begin in [line.begin for line in reader.lines()]]
+    return [reader.record(begin) for begin in [begin for begin, *_ in reader.lines()]]
 
 
 def live(out, *records):
@@ -124,7 +126,7 @@ def test_a_full_disk_leaves_the_journal_as_it_was(path, monkeypatch):
 
     write(path, record("a"))
     before = path.read_bytes()
-    with Journal(path) as journal:
+    with Journal(path, len(before)) as journal:
         monkeypatch.setattr(os, "fdatasync", full)
         with refuses("unwritable", "No space left"):
             journal.append(record("b"))
@@ -159,7 +161,7 @@ def test_paths_of_inputs_lead_to_them_through_linked_folders(tmp_path, monkeypat
     Path("linked").symlink_to("disk")
     assert input_path(Path("jobs/../rgb/a.exr"), Path("out")) == "../deep/rgb/a.exr"
     assert input_path(Path("rgb/../rgb/a.exr"), Path("out")) == "../rgb/a.exr"
-    assert input_path(Path("linked/a.exr"), Path("out")) == "../linked/a.exr", "as given"
+    assert input_path(Path("linked/a.exr"), Path("out")) == "../disk/a.exr"
     assert input_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
 
 

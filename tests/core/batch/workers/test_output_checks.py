@@ -6,7 +6,6 @@ from jobs_files import touch
 from refusals import refuses
 
 from defocus_core.batch.workers.run import refuse_misplaced
-from defocus_core.io.safe_files import written_whole
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.lens import LensValues
 
@@ -48,17 +47,3 @@ def test_a_file_in_place_of_a_directory_is_refused(tmp_path):
     for root in (file, file / "deeper"):
         with refuses("wrong-type", path=file):
             refuse_misplaced(jobs_for(pictures, Outputs(root)))
-
-
-def test_names_that_no_file_can_have_are_refused(tmp_path):
-    outputs = Outputs(tmp_path, preview=True)
-    fits = "é" * 121  # 242 bytes, and .preview.png
-    refuse_misplaced(jobs_for([PictureFiles(fits, tmp_path / "a", tmp_path / "z")], outputs))
-    for name in (f"{fits}.preview.png", f"{'𝄞' * 62}.exr"):
-        with written_whole(tmp_path / name) as file:
-            file.write(b"whole")
-        assert (tmp_path / name).read_bytes() == b"whole"
-    with refuses("too-large"):
-        refuse_misplaced(
-            jobs_for([PictureFiles(fits + "é", tmp_path / "a", tmp_path / "z")], outputs)
-        )

@@ -11,7 +11,7 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
-from defocus_core.batch.workers.pool import STRIKES, Processes, dispatch
+from defocus_core.batch.workers.pool import Processes, dispatch
 from defocus_core.errors import InputError
 
 
@@ -56,7 +56,7 @@ def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path):
     assert len(results) == len(names)
     deadly = results[names.index("deadly1")]
     assert deadly.reason == "worker-died"
-    assert f"{STRIKES} processes that worked on it died, the last by SIGKILL" in deadly.message
+    assert "2 processes that worked on it died, the last by SIGKILL" in deadly.message
 
 
 def test_processes_end_with_their_coordinator(tmp_path):

@@ -52,14 +52,14 @@ def test_another_base_is_used_only_where_it_is_shorter(planes):
 
 def test_what_is_beyond_half_is_scaled_and_not_clamped():
     plane = np.array([[1e9, -3e7, 0.0]])
-    scale = layers.common_scale([plane])
+    scale = layers.scale_of([plane])
     packed = layers.pack(layers.half_bits([plane], scale), (0, 0, 3, 1), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
 
 
 def test_a_tiny_difference_keeps_its_digits():
     plane = np.array([[3e-9, 1e-9, 0.0]])
-    scale = layers.unit_scale([plane])
+    scale = layers.scale_of([plane], least=0.0)
     packed = layers.pack(layers.half_bits([plane], scale), (0, 0, 3, 1), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from defocus_core.batch.journal.resume import settings
 from defocus_core.errors import CALLER
-from defocus_core.reports.html.render_command import render_words
+from defocus_core.reports.html.focus_choice import render_words
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS
