@@ -170,7 +170,7 @@ def _judged(
     """The record with the results of the pixels, and the verdict."""
     nonfinite, differing = count_nonfinite(pixels, corner), pixels.differ
     metrics = _measured(pixels, rules, settings)
-    findings, causes = [*record.findings, *nonfinite.findings()], None
+    findings, causes = [*record.findings, *nonfinite.findings], None
     if differing:
         findings += [*lost_channels(pixels), *clipped_light(pixels)]
         strict |= any(finding.name == "empty" for finding in findings)

@@ -252,19 +252,8 @@ def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None, total:
 
 def equal_metrics(pixels: Pixels) -> Mapping[str, float]:
     """The metrics of a pair whose values are all equal."""
-    zero = (
-        "max",
-        "mean",
-        "rmse",
-        "rel-rmse",
-        "p99.9",
-        "share",
-        "pixels",
-        "block",
-        "hdr-max",
-        "hdr-p99.9",
+    best = {"psnr": EQUAL, "hdr-psnr": EQUAL, "ssim": 1.0}
+    rows = (
+        row for row in _ROWS if not row.name.startswith("flip") and row.color <= bool(pixels.color)
     )
-    metrics = dict.fromkeys(zero, 0.0) | {"hdr-psnr": EQUAL}
-    if pixels.color:
-        metrics |= {"psnr": EQUAL, "ssim": 1.0}
-    return metrics
+    return {row.name: best.get(row.name, 0.0) for row in rows}

@@ -111,7 +111,7 @@ def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
     """
     if path is None:
         return
-    view = view_partner(path)
+    view = _view_partner(path)
     if view is not None:
         yield "left and right swapped", view
     kinds = ("render", "left", "right")
@@ -125,38 +125,31 @@ def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
         return
     for step in (-1, 1):
         number = f"{int(match[1]) + step:0{len(match[1])}d}"
-        other = path.with_name(
-            path.stem[: match.start()] + number + path.stem[match.end() :] + path.suffix
-        )
+        other = path.with_stem(path.stem[: match.start()] + number + path.stem[match.end() :])
         if other.is_file():
             yield f"another view or frame: that of {other.name}", other
 
 
-def view_partner(path: Path) -> Path | None:
-    """The file of the other one of left and right, by its name; None if there is none.
-
-    The last of file name and folder that names a view decides.
-    """
-    for place in (path.stem, path.parent.name):
-        renamed = other_view(place)
-        partner = path.parent.parent / renamed / path.name
-        if place == path.stem:
-            partner = path.with_name(renamed + path.suffix)
-        if renamed != place and partner.is_file():
+def _view_partner(path: Path) -> Path | None:
+    """The file of the other one of left and right; the last of folder and name that has one."""
+    stem, folder = other_view(path.stem), other_view(path.parent.name)
+    for partner in (path.with_stem(stem), path.parent.parent / folder / path.name):
+        if partner != path and partner.is_file():
             return partner
     return None
 
 
 def other_view(name: str) -> str:
     """A name with its last view exchanged; unchanged if it has none."""
-    match = list(_VIEW.finditer(name))
-    if not match:
+    *_, match = [None, *_VIEW.finditer(name)]
+    if match is None:
         return name
-    word = match[-1][0]
-    other = _OTHER[word.lower()]
-    other = other.upper() if word.isupper() else other
-    other = other.capitalize() if word.istitle() and len(word) > 1 else other
-    return name[: match[-1].start()] + other + name[match[-1].end() :]
+    word, other = match[0], _OTHER[match[0].lower()]
+    if word.isupper():
+        other = other.upper()
+    elif word.istitle():
+        other = other.title()
+    return name[: match.start()] + other + name[match.end() :]
 
 
 @dataclass(frozen=True)

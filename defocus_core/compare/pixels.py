@@ -7,9 +7,10 @@ Differences are float32 and their sums float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.picture import color_layers, is_map
 from defocus_core.system.text import counted
 
+_KINDS = {"nan": "NaN", "inf": "Inf"}
 _STRIP = 2**17  # pixels of a channel in a strip
 _LARGEST = 1e18  # greatest value with a finite square in float32
 # The step of number types: by the power of 2 below a value, and the least.
@@ -209,65 +211,44 @@ class Nonfinite:
 
     # counts by side and kind: ``a`` and ``b``, ``nan`` and ``inf``
     counts: Mapping[str, Mapping[str, int]]
-    # Pixels of each kind that one side has and the other has not, by side and kind, with column
-    # and row of the first
-    lone: Mapping[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
+    findings: Sequence[Finding] = ()  # of each kind that one side has where the other has not
     # Where a channel is NaN or infinite on one side and another value on the other, [H, W];
     # None if nowhere
     apart: Any = field(default=None, compare=False)
 
-    def findings(self) -> list[Finding]:
-        """A finding for each kind that one side has alone."""
-        findings = []
-        for (side, kind), (count, x, y) in self.lone.items():
-            word = {"nan": "NaN", "inf": "Inf"}[kind]
-            alone = "" if side == "b" else " of A alone"
-            text = f"{word} in {counted(count, 'pixel')}{alone}, the first at {x},{y}"
-            values = {"pixels": count, "first": [x, y], "side": side}
-            findings.append(Finding(word, text, values))
-        return findings
-
     def notes(self) -> list[str]:
         """Notes on pixels that are not finite on both sides."""
-        both = {
-            kind: min(self.counts[side][kind] for side in ("a", "b")) for kind in ("nan", "inf")
-        }
-        words = {"nan": "NaN", "inf": "Inf"}
-        return [f"{words[kind]} in {counted(n, 'pixel')} of both" for kind, n in both.items() if n]
+        both = {k: min(self.counts[side][k] for side in "ab") for k in _KINDS}
+        return [f"{_KINDS[k]} in {counted(n, 'pixel')} of both" for k, n in both.items() if n]
 
 
 def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfinite:
     """Count and compare the pixels of a pair that are not finite."""
-    blank = {side: {"nan": 0, "inf": 0} for side in ("a", "b")}
-    if pixels.finite is None or (
-        pixels.selected is not None and np.array_equal(pixels.finite, pixels.selected)
+    counts = {side: dict.fromkeys(_KINDS, 0) for side in "ab"}
+    selected = np.bool_(True) if pixels.selected is None else pixels.selected
+    if pixels.finite is None or np.array_equal(pixels.finite, selected):
+        return Nonfinite(counts)
+    codes = {side: [_codes(plane) for plane in getattr(pixels, side)] for side in "ba"}
+    differ = [one != other for one, other in zip(*codes.values(), strict=True)]
+    apart, findings = np.logical_or.reduce(differ) & selected, []
+    for (side, of_side), (code, (kind, word)) in product(
+        codes.items(), enumerate(_KINDS.items(), 1)
     ):
-        return Nonfinite(blank)
-    selected = True if pixels.selected is None else pixels.selected
-    codes = {side: [_codes(plane) for plane in getattr(pixels, side)] for side in ("b", "a")}
-    pairs = list(zip(*codes.values(), strict=True))
-    apart = np.logical_or.reduce([one != other for one, other in pairs]) & selected
-    lone = {}
-    for side, of_side in codes.items():
-        for kind, code in (("nan", _NAN), ("inf", 1)):
-            has = [np.abs(each) == code for each in of_side]
-            blank[side][kind] = int(np.count_nonzero(np.logical_or.reduce(has) & selected))
-            alone = [each & (one != other) for each, (one, other) in zip(has, pairs, strict=True)]
-            where = np.argwhere(np.logical_or.reduce(alone) & selected)
-            if len(where):
-                y, x = where[0].tolist()
-                lone[side, kind] = len(where), x + corner[0], y + corner[1]
-    return Nonfinite(blank, lone, apart if apart.any() else None)
-
-
-_NAN = 2
+        has = [np.abs(each) == code for each in of_side]
+        counts[side][kind] = int(np.count_nonzero(np.logical_or.reduce(has) & selected))
+        alone = [each & other for each, other in zip(has, differ, strict=True)]
+        where = np.argwhere(np.logical_or.reduce(alone) & selected)
+        if len(where):
+            x, y = int(where[0, 1]) + corner[0], int(where[0, 0]) + corner[1]
+            of = "" if side == "b" else " of A alone"
+            text = f"{word} in {counted(len(where), 'pixel')}{of}, the first at {x},{y}"
+            values = {"pixels": len(where), "first": [x, y], "side": side}
+            findings.append(Finding(word, text, values))
+    return Nonfinite(counts, findings, apart if apart.any() else None)
 
 
 def _codes(plane: NDArray[Any]) -> NDArray[np.int8]:
-    """0 for a finite value, 1 and −1 for the infinities, 2 for NaN."""
-    codes = np.zeros(plane.shape, np.int8)
-    if plane.dtype.kind == "f":
-        codes[np.isposinf(plane)] = 1
-        codes[np.isneginf(plane)] = -1
-        codes[np.isnan(plane)] = _NAN
+    """0 for a finite value, 1 for NaN, 2 and −2 for the infinities."""
+    codes: NDArray[np.int8] = np.isnan(plane).astype(np.int8)
+    codes[np.isposinf(plane)], codes[np.isneginf(plane)] = 2, -2
     return codes

@@ -45,53 +45,29 @@ class Worst:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The results of a pair.
-
-    Attributes:
-        name: of the pair.
-        a: the file of A, None if it is missing.
-        b: the file of B, None if it is missing.
-        status: one of `STATUSES`.
-        size: width and height of A.
-        encoding: what the values are: ``linear``, ``sRGB`` or ``power`` for a power law.
-        findings: causes of differences, structure first.
-        metrics: by name, those that the pair has.
-        channels: the greatest difference of each channel.
-        differing: number of pixels that differ.
-        window: x, y, width and height of the smallest rectangle with all pixels that differ.
-        worst: the worst pixel; None if none differs.
-        nonfinite: counts of NaN and infinite pixels.
-        failed: rules that made it fail.
-        warned: rules that made it a warning.
-        unmeasured: rules to fail whose metric the pair does not have.
-        notes: differences that change no pixel.
-        metadata: attributes that differ.
-        proposal: a rule that would let it pass; empty if no rule would.
-        error: why a file could not be read, or why there is none.
-        images: files of difference images that were written.
-    """
+    """The results of a pair."""
 
     name: str
-    a: Path | None
+    a: Path | None  # None if it is missing
     b: Path | None
-    status: str = SAME
-    size: tuple[int, int] | None = None
-    encoding: str = ""
-    findings: tuple[Finding, ...] = ()
-    metrics: Mapping[str, float] = field(default_factory=dict)
-    channels: Mapping[str, float] = field(default_factory=dict)
-    differing: int = 0
-    window: tuple[int, int, int, int] | None = None
+    status: str = SAME  # one of `STATUSES`
+    size: tuple[int, int] | None = None  # width and height of A
+    encoding: str = ""  # of the values: ``linear``, ``sRGB`` or ``power`` for a power law
+    findings: tuple[Finding, ...] = ()  # structure first
+    metrics: Mapping[str, float] = field(default_factory=dict)  # by name
+    channels: Mapping[str, float] = field(default_factory=dict)  # greatest difference of each
+    differing: int = 0  # number of pixels that differ
+    window: tuple[int, int, int, int] | None = None  # x, y, width, height of all that differ
     worst: Worst | None = None
     nonfinite: Nonfinite | None = None
-    failed: tuple[str, ...] = ()
-    warned: tuple[str, ...] = ()
-    unmeasured: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    metadata: tuple[str, ...] = ()
-    proposal: str = ""
-    error: str = ""
-    images: tuple[Path, ...] = ()
+    failed: tuple[str, ...] = ()  # rules that made it fail
+    warned: tuple[str, ...] = ()  # rules that made it a warning
+    unmeasured: tuple[str, ...] = ()  # rules to fail whose metric it does not have
+    notes: tuple[str, ...] = ()  # differences that change no pixel
+    metadata: tuple[str, ...] = ()  # attributes that differ
+    proposal: str = ""  # a rule that would let it pass; empty if no rule would
+    error: str = ""  # why a file could not be read
+    images: tuple[Path, ...] = ()  # difference images that were written
 
     @property
     def acceptable(self) -> bool:

@@ -7,10 +7,11 @@ colour, amplified, around middle grey; pixels that are NaN or infinite on one si
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,20 +34,19 @@ _MAGENTA = (255, 0, 255)
 _AMPLIFICATION = "defocus:amplification"
 
 
-def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
+def _write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
     """Write both difference images of a pair, named after it."""
     exr, png = _difference_files(folder, record.name)
-    with np.errstate(over="ignore"):
+    with np.errstate(all="ignore"):  # differences may overflow
         signed = {name: pixels.difference(name).astype(np.float32) for name in pixels.names}
+        factor, shown = _amplified(pixels, signed)
     apart = None if record.nonfinite is None else record.nonfinite.apart
     if apart is not None:
+        shown[apart] = _MAGENTA
         for plane in signed.values():
             plane[apart] = np.float32(np.nan)
     write_exr(exr, signed, {KIND: DIFFERENCE})
-    with np.errstate(all="ignore"):  # differences may overflow
-        factor, shown = amplified(pixels, apart)
-    told = {KIND: DIFFERENCE, _AMPLIFICATION: f"{factor:g}"}
-    write_samples(png, shown, "png", told)
+    write_samples(png, shown, "png", {KIND: DIFFERENCE, _AMPLIFICATION: f"{factor:g}"})
     return exr, png
 
 
@@ -55,24 +55,20 @@ def _difference_files(folder: Path, name: str) -> tuple[Path, Path]:
     return folder / f"{name}.diff.exr", folder / f"{name}.diff.png"
 
 
-def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
+def _amplified(
+    pixels: Pixels, signed: Mapping[str, NDArray[Any]]
+) -> tuple[float, NDArray[np.uint8]]:
     """The power of 2 that makes the difference visible, and the amplified picture [H, W, 3]."""
     names = pixels.color[0] if pixels.color else pixels.names[:1]
-    largest = pixels.differences.largest
-    if not any(largest[name] for name in names):  # the others differ
-        names = tuple(name for name in pixels.names if largest[name])[:3] or names
+    if not any(signed[name].any() for name in names):  # the others differ
+        names = tuple(name for name in pixels.names if signed[name].any())[:3] or names
         names = names if len(names) == 3 else names[:1]
-    chosen = [pixels.difference(name) for name in names]
-    difference = np.stack(chosen * (3 // len(chosen)), axis=2)
-    maximum = float(np.percentile(np.abs(difference).max(axis=2), 99.9)) or float(
-        np.abs(difference).max()
-    )
+    difference = np.stack([signed[name] for name in names] * (3 // len(names)), axis=2)
+    greatest = np.abs(difference).max(axis=2)
+    maximum = float(np.percentile(greatest, 99.9)) or float(greatest.max())
     factor = 2.0 ** np.floor(np.log2(1 / maximum)) if maximum else 1.0
     levels = _GREY + np.rint(np.clip(difference * factor, -1.0, 1.0) * _HALF)
-    shown = levels.astype(np.uint8)
-    if apart is not None:
-        shown[apart] = _MAGENTA
-    return float(factor), shown
+    return float(factor), levels.astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ class Task:
         settings = replace(self.settings, diagnose=self.settings.diagnose and sought)
         record, pixels = compare_pair(pair, self.thresholds.rules_of(pair.name), settings)
         if self.images is not None and pixels is not None and record.differing:
-            return replace(record, images=write_differences(self.images, record, pixels))
+            return replace(record, images=_write_differences(self.images, record, pixels))
         if self.images is not None and pixels is None and record.status == DIFFERENT:
             note = "no difference images, for no channel has one size in A and B"
             return replace(record, notes=(*record.notes, note))

@@ -163,7 +163,7 @@ class Thresholds:
 
     general: Rules = Rules()  # the rules for all
     # patterns with changes of the general rules; the last match wins
-    overrides: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    overrides: Sequence[tuple[str, Mapping[str, Any]]] = ()
     # changes by the command line, which win over all
     flags: Mapping[str, Any] = field(default_factory=dict)
 
@@ -208,8 +208,7 @@ def read_thresholds(
     remedy = "name a file with rules, like compare.toml"
     tables = read_toml(file, what="file of thresholds", remedy=remedy)
     refuse_unknown(tables, (*_KEYS, "override"), file, "a file of thresholds")
-    top = {key: value for key, value in tables.items() if key != "override"}
-    overrides = tables.get("override", [])
+    overrides = tables.pop("override", [])
     if not isinstance(overrides, list) or not all(isinstance(each, dict) for each in overrides):
         problem, remedy = "is not a list of tables", "write [[override]] above files, fail and warn"
         raise UsageProblem("malformed", problem, remedy, path=file, field="override")
@@ -217,37 +216,34 @@ def read_thresholds(
     for number, values in enumerate(overrides, 1):
         table = Table(file, f"override {number}", values)
         table.refuse_unknown(("files", *_KEYS))
-        pattern = table.text("files")
-        if pattern is None:
-            raise UsageProblem(
-                "missing-option", "is missing", "write files = 'left/*'", path=table.place("files")
-            )
+        if (pattern := table.text("files")) is None:
+            place, remedy = table.place("files"), "write files = 'left/*'"
+            raise UsageProblem("missing-option", "is missing", remedy, path=place)
         read.append((pattern, _changes(table)))
-    general = replace(default, **_changes(Table(file, "thresholds", top)))
-    return Thresholds(general, tuple(read), flags)
+    return Thresholds(replace(default, **_changes(Table(file, "thresholds", tables))), read, flags)
 
 
 def _changes(table: Table) -> dict[str, Any]:
     changes: dict[str, Any] = {}
     for key in ("fail", "warn"):
         if key in table.values:
-            texts = table.values[key]
-            texts = [texts] if isinstance(texts, str) else texts
-            if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-                problem = f"{texts!r} is not a list of rules"
-                raise UsageProblem(
-                    "malformed", problem, f"write {key} = ['psnr<45']", path=table.place(key)
-                )
+            texts = _texts(table, key, "rules", "psnr<45")
             changes[key] = tuple(read_at(table.place(key), rule, text) for text in texts)
     if (key := "ignore-channels") in table.values:
-        names = table.values[key]
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            problem, remedy = f"{names!r} is not a list of names", f"write {key} = ['rand.*']"
-            raise UsageProblem("malformed", problem, remedy, path=table.place(key))
-        changes["ignore_channels"] = tuple(names)
+        changes["ignore_channels"] = _texts(table, key, "names", "rand.*")
     if "over" in table.values:
         changes["over"] = difference(table.values["over"], table.place("over"))
     return changes
+
+
+def _texts(table: Table, key: str, what: str, example: str) -> tuple[str, ...]:
+    """The texts of a key, a list or one alone."""
+    texts = table.values[key]
+    texts = [texts] if isinstance(texts, str) else texts
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        problem, remedy = f"{texts!r} is not a list of {what}", f"write {key} = ['{example}']"
+        raise UsageProblem("malformed", problem, remedy, path=table.place(key))
+    return tuple(texts)
 
 
 def difference(value: object, where: Place) -> float:

@@ -142,7 +142,7 @@ def _numbers(record: Comparison) -> str:
     """The metrics of a line, over finite pixels if some are not finite."""
     metrics = record.metrics
     words = ", ".join(number_words(name, metrics[name]) for name in _SHOWN if name in metrics)
-    if record.nonfinite is None or not record.nonfinite.lone:
+    if record.nonfinite is None or not record.nonfinite.findings:
         return words
     return f"elsewhere {words}" if metrics["max"] else "elsewhere equal"
 

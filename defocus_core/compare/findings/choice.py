@@ -8,6 +8,7 @@ difference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -16,7 +17,7 @@ from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.places import coc_map, place_of
-from defocus_core.compare.findings.table import CAUSES, Finding, kind_of
+from defocus_core.compare.findings.table import CAUSES, LEFT, Finding, kind_of
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
@@ -27,11 +28,9 @@ _OF_A_COC = ("fnumber", "focus", "focal_length", "coc_px", "blades", "blade_rota
 _LAST_BITS = 2e-5  # largest difference, invisible on any scale, that another machine may cause
 _HALF = 0.5**0.5  # greatest residual by that of a rival: half in squares
 _SIMPLER = 0.5  # the same by that of a simpler case
-_ENOUGH = 0.95  # share explained by a cause, beyond which a more general one is not named
 _LEFT_OF_FEW = 0.06  # the same for a picture of few pixels
 _WEAK = 0.35  # residual above which a fit yields to one by looks, and to a rectangle
 _ALL = 2e-3  # residual of a complete explanation: the first such cause is named
-_SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
 
 
 def diagnose(
@@ -47,7 +46,7 @@ def diagnose(
     if chosen is not None:
         finding = _by_channels(_by_lens(chosen.finding, (a, b)), evidence)
         return [replace(finding, explained=round(evidence.explained(chosen.left), 4))]
-    if evidence.rms < _SLIGHT * evidence.rounding:
+    if evidence.is_slight:
         return [Finding("too small to name", "too small to name")]
     place = place_of(evidence, (a, b), corner)
     if place is None or not tied:
@@ -58,16 +57,16 @@ def diagnose(
 
 def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanation]]:
     """The explanation to name, if there is one; else the two that tie."""
-    fits: dict[str, Explanation] = {}
-    for fit in _fits(evidence, looks=False):
-        known = fits.get(kind_of(fit.name))
-        if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
-            fits[kind_of(fit.name)] = fit
-    enough = [fit for fit in fits.values() if _is_enough(fit, evidence)]
-    good = sorted(enough, key=lambda fit: max(fit.left, _ALL))  # the simpler ones first
-    chosen = next((fit for fit in good if _is_chosen(fit, [*fits.values()], evidence)), None)
+    fits = [*_fits(evidence, looks=False)]
+    chosen, good = _chosen(fits, evidence)
     if chosen is not None and chosen.left <= _WEAK:
         return chosen, ()
+    # What neighbours have in common may have a cause, and the rest may be noise.
+    but_noise = [replace(f, left=f.but_noise) for f in fits if f.but_noise < math.inf]
+    slight = chosen is not None or evidence.is_slight
+    common = None if slight else _chosen(but_noise, evidence)[0]
+    if common is not None:
+        return replace(common, how=f"{common.how}, and noise"), ()
     # Causes known by their looks have other measures.
     for fit in _fits(evidence, looks=True):
         if _is_enough(fit, evidence) and (not chosen or fit.left <= _SIMPLER * chosen.left):
@@ -77,15 +76,25 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     return None, good[:2] if len(good) > 1 else ()
 
 
-def _is_chosen(fit: Explanation, others: Sequence[Explanation], evidence: Evidence) -> bool:
-    """Whether a fit beats its rivals, and no simpler one suffices."""
-    rivals = [each for each in others if not _is_beyond(each, fit)]
-    serves = any(
-        fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
-        for each in rivals
-        if _is_beyond(fit, each) and _is_enough(each, evidence)
-    )
-    return not serves and all(fit.left <= max(_HALF * each.left, _ALL) for each in rivals)
+def _chosen(
+    fits: Sequence[Explanation], evidence: Evidence
+) -> tuple[Explanation | None, Sequence[Explanation]]:
+    """The fit that beats its rivals, and that no simpler one suffices for; and all good ones."""
+    best: dict[str, Explanation] = {}
+    for fit in fits:
+        known = best.get(kind_of(fit.name))
+        if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
+            best[kind_of(fit.name)] = fit
+    good = [best[name] for name in LEFT if name in best and _is_enough(best[name], evidence)]
+    for fit in good:  # the simpler ones first
+        others = [each for each in best.values() if each is not fit]
+        general = [each for each in others if _is_beyond(each, fit)]
+        rivals = [e for e in others if not (_is_beyond(e, fit) or _is_beyond(fit, e))]
+        if not any(e.left <= _SIMPLER * fit.left > _SIMPLER * _ALL for e in general) and all(
+            fit.left <= max(_HALF * each.left, _ALL) for each in rivals
+        ):
+            return fit, ()
+    return None, sorted(good, key=lambda fit: fit.left)
 
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
@@ -96,13 +105,13 @@ def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
         module, _, name = model.partition(".")
         for fit in getattr(import_module(f"{__package__}.{module}"), name)(evidence):
             row = rows[kind_of(fit.name)]
-            yield replace(fit, beyond=fit.beyond or row.beyond, limit=row.left)
+            yield replace(fit, beyond=fit.beyond or row.beyond)
 
 
 def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
     """Whether a cause explains enough of the difference."""
     few = not evidence.is_small or fit.left <= _LEFT_OF_FEW
-    return few and evidence.explained(fit.left) >= 1 - fit.limit
+    return few and evidence.explained(fit.left) >= 1 - LEFT[kind_of(fit.name)]
 
 
 def _is_beyond(fit: Explanation, other: Explanation) -> bool:

@@ -1,6 +1,6 @@
 """Sampled pixels of a pair, on which explanations of a difference are tested.
 
-An explanation predicts B from A, rounded like the file of B. Its residual is measured at pixels
+An explanation predicts B from A. Its residual is measured at pixels
 that did not choose its parameters: blocks of 16 px alternate. The scale is sRGB up to 1 and
 logarithmic beyond, so that a few highlights do not decide. Rounding is subtracted only in the share
 that is explained.
@@ -20,17 +20,18 @@ from numpy.typing import NDArray
 from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.metrics import unclipped
 from defocus_core.compare.pixels import Pixels
-from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
 
-_SAMPLES = 12_000  # number of sampled pixels
-_FEW = 2048  # pixels of a picture, below which explaining half of them may be chance
+_SAMPLES = 8_000  # number of sampled pairs of neighbours
+_FEW = 2048  # pixels of a picture
 _FRAME = 448  # px on a side of the part that is analysed as a whole
 _LARGE = 0.5  # difference beyond which the weight of a pixel does not grow
-_GRID = 16  # the corner of the frame is a multiple of these px, so that blocks are whole
 _BLOCK = 16  # px of alternating blocks: one chooses parameters, the next measures
 _LARGEST = 1e30  # greatest value: beyond it, arithmetic in float32 overflows
 _PART_OF = 0.6  # greatest share of a picture in a rectangle
+_SMOOTH = 0.1  # least share of a difference that neighbours have in common
+_LESS = 0.98  # greatest residual of a model beside noise
+_SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
 LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
 # RMS rounding error of number types on the scale of differences: absolute, and relative.
 _ROUNDING = {"uint8": (0.41 / 255, 0.0), "uint16": (0.41 / 65535, 0.0), "half": (0.0, 4e-4)}
@@ -45,14 +46,14 @@ class Explanation:
     name: str  # of the finding
     how: str = ""  # words after the name in the finding
     values: Mapping[str, Any] = field(default_factory=dict)  # parameters, for programs
-    text: str = ""  # the words, if they do not begin with the name
-    beyond: tuple[str, ...] = ()  # as of its row in the table of causes, as the largest that
-    limit: float = 0.0  # it may leave
+    # residual of what neighbours have in common, so that noise is left out
+    but_noise: float = math.inf
+    beyond: tuple[str, ...] = ()  # as of its row in the table of causes, if that has none
 
     @property
     def finding(self) -> Finding:
         """The finding of this explanation."""
-        return Finding(self.name, self.text or self.name + self.how, self.values)
+        return Finding(self.name, self.name + self.how, self.values)
 
 
 class Evidence:
@@ -60,7 +61,6 @@ class Evidence:
 
     Attributes:
         names: the channels that differ.
-        gamma: as of `Pixels`.
         types: number types of B.
         others: channels of files beside that of A, by the finding that B is one of these.
         codecs: compression of the files of A and of B.
@@ -75,36 +75,34 @@ class Evidence:
         codecs: tuple[str, str] = ("", ""),
     ) -> None:
         self.pixels, self.others, self.codecs = pixels, others, codecs
-        self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
-        self.gamma = pixels.gamma
+        self.size, self.gamma = pixels.shape, pixels.gamma
+        self.is_small = math.prod(self.size) < _FEW
         self.types = {types[name] for name in self.names}
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(height, width)."""
-        return self.pixels.shape
 
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns of the samples: half of them where A and B differ, if that is enough."""
-        finite = self.pixels.finite
-        ok = np.ones(self.size, bool) if finite is None else finite
-        if np.count_nonzero(ok) <= _SAMPLES:
-            every = np.flatnonzero(ok)
-        else:
+        """Rows and columns of the samples, half of them where A and B differ.
+
+        The second half are the neighbours of the first, in the same order.
+        """
+        every = np.arange(math.prod(self.size))
+        if every.size > _SAMPLES:
             generator = np.random.default_rng(0)
-            chosen = _drawn(generator, (self.pixels.greatest > 0) & ok, _SAMPLES // 2)
-            every = np.concatenate([chosen, _drawn(generator, ok, _SAMPLES - len(chosen))])
+            differ = np.flatnonzero(self.pixels.greatest)
+            every = np.concatenate([generator.choice(of, _SAMPLES // 2) for of in (differ, every)])
         rows, columns = np.unravel_index(every, self.size)
-        return rows, columns
+        beside = np.where(columns + 1 < self.size[1], columns + 1, columns - 1).clip(0)
+        return np.tile(rows, 2), np.concatenate([columns, beside])
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
         """Pixels per sample [N], since differing ones are sampled more densely."""
         differs = self.pixels.greatest[self.places] > 0
         share, there = float((self.pixels.greatest > 0).mean()), float(differs.mean())
-        return np.where(differs, share / max(there, 1e-9), (1 - share) / max(1 - there, 1e-9))
+        weights = np.where(differs, share / max(there, 1e-9), (1 - share) / max(1 - there, 1e-9))
+        ok = self.pixels.finite
+        return weights if ok is None else weights * ok[self.places]
 
     @cached_property
     def fits(self) -> NDArray[np.bool_]:
@@ -121,7 +119,7 @@ class Evidence:
     def steady(self) -> NDArray[np.bool_]:
         """Mask [C, N] of the samples of A that are not clipped by an integer type."""
         a = self.sampled[0]
-        return np.ones(a.shape, bool) if self._is_linear else (a > 0.004) & (a < 0.996)
+        return np.ones(a.shape, bool) if self.is_linear else (a > 0.004) & (a < 0.996)
 
     def values_at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
@@ -130,13 +128,13 @@ class Evidence:
         return values if self.pixels.finite is None else np.nan_to_num(values)
 
     @property
-    def _is_linear(self) -> bool:
+    def is_linear(self) -> bool:
         """Whether values are linear light, or not light at all."""
         return self.gamma == 1.0 or not self.pixels.color
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values on the scale of differences."""
-        return self.scaled_light(values) if self._is_linear else values
+        """Stored values on the scale of differences."""
+        return self.scaled_light(values) if self.is_linear else values
 
     def scaled_light(self, light: NDArray[Any]) -> NDArray[Any]:
         """Linear light on the scale of differences."""
@@ -144,7 +142,7 @@ class Evidence:
 
     def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Stored values from those on the scale of differences."""
-        return self.unscaled_light(values) if self._is_linear else values
+        return self.unscaled_light(values) if self.is_linear else values
 
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Linear light from values on the scale of differences."""
@@ -159,9 +157,8 @@ class Evidence:
         """Stored values as linear light."""
         if self.gamma == 1.0:
             return values.astype(np.float64)
-        if self.gamma is None:
-            return srgb_to_linear(np.maximum(values, 0.0))
-        return np.asarray(np.maximum(values, 0.0).astype(np.float64) ** self.gamma)
+        positive = np.maximum(values, 0.0).astype(np.float64)
+        return np.asarray(srgb_to_linear(positive) if self.gamma is None else positive**self.gamma)
 
     def stored(self, light: NDArray[Any]) -> NDArray[np.float32]:
         """Stored values from linear light."""
@@ -170,30 +167,23 @@ class Evidence:
         shown: NDArray[np.float32] = np.clip(light, 0.0, 1.0).astype(np.float32)
         return unclipped(shown) if self.gamma is None else shown ** np.float32(1 / self.gamma)
 
-    def rounded(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Stored values, rounded to the steps of the file of B."""
-        if "half" in self.types or "float16" in self.types:
-            return values.clip(-65504, 65504).astype(np.float16).astype(np.float32)
-        top = {"uint8": 255, "uint16": 65535}.get(min(self.types, default=""), 0)
-        if not top or self._is_linear:
-            return values.astype(np.float32)
-        return np.asarray(np.rint(values.clip(0, 1) * top) / np.float32(top), np.float32)
-
     @cached_property
     def rounding(self) -> float:
         """RMS rounding error of the number type of B, on the scale of differences."""
-        values = self.scaled(self.sampled[1])
-        level = math.sqrt(float(np.square(values).mean())) if values.size else 0.0
+        level = float(np.sqrt(np.square(self._aim[0]).mean()))
         steps = (_ROUNDING.get(kind, _FLOAT) for kind in self.types)
         return max((step + share * level for step, share in steps), default=0.0)
 
     @cached_property
     def rms(self) -> float:
         """RMS difference where A and B differ, on the scale of differences."""
-        _, whole = self._aim
         differs = self.pixels.greatest[self.places] > 0
-        power = np.square(whole[:, differs]).mean() if differs.any() else 0.0
-        return math.sqrt(float(power))
+        return float(np.sqrt(np.square(self._aim[1][:, differs]).mean())) if differs.any() else 0.0
+
+    @property
+    def is_slight(self) -> bool:
+        """Whether the difference is so much like rounding that there is nothing to explain."""
+        return self.rms < _SLIGHT * self.rounding
 
     def explained(self, left: float) -> float:
         """The explained share of a difference for a residual, without rounding errors."""
@@ -206,19 +196,36 @@ class Evidence:
         a, b = (self.scaled(side) for side in self.sampled)
         return b, b - a
 
-    def left(self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None) -> float:
-        """The residual of a prediction of B at the samples [C, N], as a share of the difference.
+    def explain(
+        self,
+        predicted: NDArray[Any],
+        name: str,
+        how: str = "",
+        values: Mapping[str, Any] | None = None,
+        *,
+        where: NDArray[np.bool_] | None = None,
+        follows_rounding: bool = False,
+    ) -> Explanation:
+        """The explanation by a prediction of B at the samples [C, N].
 
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
+        `follows_rounding`: whether the model may have learnt how values were rounded.
         """
-        aim, whole = self._aim
-        used = ~self.fits if where is None else ~self.fits & where
-        weights = self.weights * used
-        if np.count_nonzero(weights) < max(8, weights.size // 20):
-            return math.inf
-        every = float((weights * np.square(whole)).sum())
-        rest = self.scaled(self.rounded(predicted)) - aim
-        return math.sqrt(float((weights * np.square(rest)).sum()) / every) if every else math.inf
+        used = self.weights * (~self.fits if where is None else ~self.fits & where)
+        used = np.broadcast_to(used, predicted.shape)
+        left = but_noise = math.inf
+        if np.count_nonzero(used) >= max(8, used.size // 20):
+            aim, whole = self._aim
+            rest = self.scaled(predicted.astype(np.float32)) - aim
+            power, rest_power = (float((used * v * v).sum()) for v in (whole, rest))
+            if follows_rounding:
+                rest_power += float(used.sum()) * self.rounding**2
+            left = math.sqrt(rest_power / power) if power else math.inf
+            common, rest_common = (_common(used, v) for v in (whole, rest))
+            contrast = float((used * np.square(aim - aim.mean())).sum())
+            if common > _SMOOTH * power / 2 and left < _LESS and rest_power < contrast / 4:
+                but_noise = math.sqrt(abs(rest_common) / common)
+        return Explanation(left, name, how, values or {}, but_noise)
 
     @cached_property
     def difference(self) -> NDArray[Any]:
@@ -251,55 +258,23 @@ class Evidence:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Rows and columns of the part that is analysed as a whole, with most of the difference."""
-        return densest(self.pixels.greatest, _FRAME)
+        """Rows and columns of the part that is analysed as a whole, amid the difference.
 
-    @cached_property
-    def framed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The mean light of the channels of A and of B, [h, w], in the frame."""
-        a, b = (self.light(self.values_at(side, *self.frame)).mean(axis=0) for side in ("a", "b"))
-        return a, b
-
-    @cached_property
-    def clipped_near(self) -> NDArray[np.bool_]:
-        """Mask [h, w] of the frame around pixels that may be clipped by an integer type."""
-        near = np.zeros(self.framed[0].shape, bool)
-        if self._is_linear:
-            return near
-        for side in ("a", "b"):
-            near |= (self.values_at(side, *self.frame) > 0.996).any(axis=0)
-        return widened(near, _BLOCK // 2)
-
-    def left_framed(self, predicted: NDArray[Any], where: NDArray[np.bool_]) -> float:
-        """The residual of predicted light [h, w] of the frame, as a share of the difference."""
-        used = where & ~self.clipped_near
-        a, b, shown = (self.scaled_light(v[used]) for v in (*self.framed, predicted))
-        every, rest = (float(np.square(v - b, dtype="f8").sum()) for v in (a, shown))
-        return math.sqrt(rest / every) if every else math.inf
+        Its corner is the corner of a block.
+        """
+        power, ends = np.minimum(self.pixels.greatest, _LARGE), []
+        for axis, length in enumerate(self.size):
+            total = power.sum(axis=1 - axis).cumsum()
+            middle = int(np.searchsorted(total, total[-1] / 2))
+            first = max(min(middle - _FRAME // 2, length - _FRAME), 0) // _BLOCK * _BLOCK
+            ends.append(slice(first, min(first + _FRAME, length)))
+        return ends[0], ends[1]
 
 
-def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) -> NDArray[Any]:
-    """Places of at most `count` random true pixels of a mask."""
-    tried = generator.integers(0, mask.size, 8 * count)
-    found = tried[mask.ravel()[tried]][:count]
-    if len(found) == count:
-        return found
-    true = np.flatnonzero(mask)
-    return true[generator.integers(0, max(true.size, 1), min(count, true.size))]
-
-
-def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
-    """Rows and columns of the part [side, side] with most of the differences [H, W]."""
-    sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)
-    total = np.pad(sums.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    high, wide = (min(side // _GRID, n) for n in sums.shape)
-    held = total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
-    first = np.unravel_index(int(held.argmax()), held.shape)
-    rows, columns = (
-        slice(_GRID * int(k), min(_GRID * int(k) + side, n))
-        for k, n in zip(first, differences.shape, strict=True)
-    )
-    return rows, columns
+def _common(weights: NDArray[Any], values: NDArray[Any]) -> float:
+    """The weighted sum of products of neighbours, the halves of samples [C, N]."""
+    first, second = np.split(values, 2, axis=1)
+    return float((np.sqrt(np.prod(np.split(weights, 2, axis=1), axis=0)) * first * second).sum())
 
 
 def steepness(light: NDArray[Any]) -> NDArray[Any]:
@@ -328,13 +303,3 @@ def summed_up(
     square, sums = design @ design.T, design @ (aim * weights).ravel()
     square[np.diag_indices(len(columns))] *= 1 + 1e-12
     return np.asarray(np.linalg.lstsq(square, sums, rcond=None)[0])
-
-
-def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
-    """The correlation of two arrays, 0 if one is constant or empty."""
-    if not x.size:
-        return 0.0
-    x, y = x - x.mean(), y - y.mean()
-    # Not np.vdot: its threads wait for each other where several processes compare.
-    scale = math.sqrt(float(np.square(x).sum()) * float(np.square(y).sum()))
-    return float((x * y).sum()) / scale if scale else 0.0

@@ -45,7 +45,7 @@ _COC = "either, where metadata, recipes or CoC maps say so"
 CAUSES = (
     # Values in place.
     Cause("empty", "one value everywhere, or 0 in a rectangle", "tone.empty"),
-    Cause("rounded to half", "to the numbers of 16 bits", "tone.rounded"),
+    Cause("rounded to half", "to the numbers of 16 bits", "tone.quantised"),
     Cause("clipped", "at which limit, from above or from below", "tone.clipped"),
     Cause("quantised", "to the levels of how many bits", "tone.quantised", ("rounded to half",)),
     Cause("channels swapped", "which", "tone.exchanged"),
@@ -109,6 +109,7 @@ CAUSES = (
     ),
     Cause("noise", "added, or in another pattern", "traces.noise", looks=True),
 )
+LEFT = {row.name: row.left for row in CAUSES}
 # Findings without a model.
 STRUCTURE = {
     "NaN": "on one side only",

@@ -1,4 +1,4 @@
-"""Causes known by the place or looks of a difference: few pixels, seams, codecs."""
+"""Causes known by the place or looks of a difference: few pixels, seams, codecs, noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from defocus_core.compare.findings.evidence import (
     LOSSY_CODECS,
     Evidence,
     Explanation,
-    alike,
     blocks_in_turn,
     sums_of_parts,
 )
@@ -34,7 +33,7 @@ _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its RMS
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 _SHARED = 0.15  # least power common to the channels of noise, by that of each
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise at a distance of one pixel
-_TIED = 0.35  # least correlation of a difference with the detail of one side
+_ADDED, _TAKEN, _MORE = 0.7, 0.3, 1.3  # shares of the power of noise that B has
 
 
 def sparks(evidence: Evidence) -> Iterator[Explanation]:
@@ -65,12 +64,11 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
     period = int(every.min())
     apart = np.abs(every - period * np.rint(every / period))
     if period >= _LEAST_TILE and apart.max() <= 1:
-        near = lines[0] | lines[1][:, None]
         power = np.square(difference, dtype="f8")
-        rest = math.sqrt(float(power[~near].sum() / power.sum()))
+        rest = float(power[~lines[1]][:, ~lines[0]].sum() / power.sum())
         starts = [int(np.flatnonzero(line)[0] % period) for line in lines if line.any()]
         how = f" every {period} px from {', '.join(map(str, starts))}"
-        yield Explanation(rest, "seams", how, {"period": period})
+        yield Explanation(math.sqrt(rest), "seams", how, {"period": period})
 
 
 def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
@@ -83,54 +81,51 @@ def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is A times its own gain; a common gain, and a shifted grid, explain less."""
-    a, b = (evidence.scaled_light(side).astype("f8") for side in evidence.framed)
-    turn = blocks_in_turn(a.shape, 4)
+    sides = (evidence.light(evidence.values_at(s, *evidence.frame)).mean(axis=0) for s in "ab")
+    a, b = (evidence.scaled_light(side).astype("f8") for side in sides)
+    turn, power = blocks_in_turn(a.shape, 4), np.square(b - a)
 
     def left(side: int, offset: int) -> float:
         """The residual of gains."""
-        rows, columns = (
-            (np.arange(cut.start, cut.stop) + offset) // side - (cut.start + offset) // side
-            for cut in evidence.frame
-        )
-        tile = rows[:, None] * (columns[-1] + 1) + columns
+        rows, columns = ((np.arange(c.start, c.stop) + offset) // side for c in evidence.frame)
+        tile = (rows - rows[0])[:, None] * (columns[-1] - columns[0] + 1) + columns - columns[0]
         sums = [np.bincount(tile[turn], v[turn], tile[-1, -1] + 1) for v in (a * b, a * a)]
         gains = sums[0] / np.maximum(sums[1], 1e-12)
         rest = np.square(gains[tile] * a - b)[~turn].sum()
-        return math.sqrt(float(rest / np.square(b - a)[~turn].sum()))
+        return math.sqrt(float(rest / power[~turn].sum()))
 
     for side in (side for side in _TILES if side <= min(a.shape)):
-        parts = sums_of_parts(np.square(b - a), side)
+        parts = sums_of_parts(power, side)
         spread = parts.sum() ** 2 >= _FEW_TILES * parts.size * np.square(parts).sum()
-        on_grid = left(side, 0)
-        exact = spread and evidence.explained(on_grid) > _EXACT
-        if exact and on_grid < 0.5 * min(left(side, side // 2), left(4 * max(evidence.size), 0)):
+        on_grid = left(side, 0) if spread else math.inf
+        apart = evidence.explained(on_grid) > _EXACT
+        if apart and on_grid < 0.5 * min(left(side, side // 2), left(4 * max(evidence.size), 0)):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side})
 
 
 def compressed(evidence: Evidence) -> Iterator[Explanation]:
     """Frequencies of B in blocks of 8 px are those of A, rounded (ITU-T T.81) or 0 if small."""
-    rows, columns = evidence.frame
-    sides = [evidence.scaled(evidence.values_at(side, rows, columns)).astype("f8") for side in "ab"]
+    sides = [
+        evidence.scaled(evidence.values_at(side, *evidence.frame)).astype("f8") for side in "ab"
+    ]
     weights = np.array(_Y if len(sides[0]) == 3 else [1 / len(sides[0])] * len(sides[0]))
     luma = [np.tensordot(weights, values, 1) for values in sides]
     change = luma[1] - luma[0]
     if min(change.shape) < 6 * _DCT:
         return
-    power = float(np.square(change).sum())
+    power = max(float(np.square(change).sum()), 1e-300)
     # A codec keeps the means of blocks, also of colour.
     tint = [sums_of_parts(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
-    tinted = float(np.square(tint).sum()) / max(len(tint) * power, 1e-300)
-    means = float(np.square(sums_of_parts(change, _DCT) / _DCT).sum())
-    loses = [codec in LOSSY_CODECS for codec in evidence.codecs] == [False, True]
+    tinted = float(np.square(tint).sum()) / (len(tint) * power)
     ways: list[tuple[float, str]] = []
+    loses = [codec in LOSSY_CODECS for codec in evidence.codecs] == [False, True]
     if loses and power < _MOST_LOST**2 * change.size:
+        means = float(np.square(sums_of_parts(change, _DCT) / _DCT).sum())
         by = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"
-        ways.append((means / max(power, 1e-300), by))
-    starts = [-cut.start % _DCT for cut in (rows, columns)]
+        ways.append((means / power, by))
     on_grid, off_grid = (
-        _left_of_rounding(*(side[starts[0] + k :, starts[1] + k :] for side in luma))
-        for k in (0, _DCT // 2)
+        _left_of_rounding(*(side[k:, k:] for side in luma)) for k in (0, _DCT // 2)
     )
     if on_grid < _ON_GRID**2 * off_grid:
         ways.append((on_grid, ": in blocks of 8 px, as JPEG and DWAA do"))
@@ -162,27 +157,37 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
-    """The difference has mean 0 and is uncorrelated between neighbours."""
-    difference = evidence.difference[evidence.frame].astype("f8")
-    power = float(np.square(difference).mean())
-    few = np.count_nonzero(difference) < _MIN_CHANGED * difference.size
-    sides = [evidence.scaled(evidence.values_at(side, *evidence.frame)) for side in "ab"]
-    each = float(np.square(sides[1] - sides[0], dtype="f8").mean())
-    mean = abs(float(difference.mean()))
-    is_part = few or evidence.is_rectangle
-    if is_part or power < _SHARED * each or mean > _WITHOUT_MEAN * math.sqrt(power):
+    """The difference has mean 0, and is uncorrelated between neighbours and with the picture."""
+    sides = [
+        evidence.scaled(evidence.values_at(side, *evidence.frame)).astype("f8") for side in "ab"
+    ]
+    a, b = (side.mean(axis=0) for side in sides)
+    change = b - a
+    power, each = float(np.square(change).mean()), float(np.square(sides[1] - sides[0]).mean())
+    few = np.count_nonzero(change) < _MIN_CHANGED * change.size or min(change.shape) < 3
+    if (
+        few
+        or evidence.is_rectangle
+        or power < _SHARED * each
+        or abs(change.mean()) > _WITHOUT_MEAN * math.sqrt(power)
+    ):
         return
-    ways = ((difference[:, 1:], difference[:, :-1]), (difference[1:], difference[:-1]))
-    shared = max(abs(alike(*way)) for way in ways)
-    grey = [side.mean(axis=0) for side in sides]
-    details = (side[1:-1, 1:-1] - _means_of_nine(side) for side in grey)
-    of_a, of_b = (alike(difference[1:-1, 1:-1], detail) for detail in details)
-    if shared > _UNLIKE_NEIGHBOURS or (of_a < -_TIED and of_b < _TIED):
-        return  # lost detail of A: softer
-    how = ", in another pattern" if abs(of_a + of_b) < 0.1 < of_b else ""
+    shared = max(
+        abs(float((change[down:, across:] * change[: -down or None, : -across or None]).mean()))
+        / power
+        for down, across in ((1, 0), (0, 1))
+    )
+    detail, of_b = (side[1:-1, 1:-1] - _means_of_nine(side) for side in (change, b))
+    added = float((change[1:-1, 1:-1] * of_b).sum() / (change[1:-1, 1:-1] * detail).sum())
+    if shared > _UNLIKE_NEIGHBOURS or added > _MORE:
+        return
     planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
     level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
-    yield Explanation(math.sqrt(shared), "noise", f" of about {level:.2g}{how}", {"rms": level})
+    if added < _TAKEN:
+        yield Explanation(math.sqrt(shared), "softer", f": without noise of about {level:.2g}")
+        return
+    how = f" of about {level:.2g}{', in another pattern' if added < _ADDED else ''}"
+    yield Explanation(math.sqrt(shared), "noise", how, {"rms": level})
 
 
 def _means_of_nine(values: NDArray[Any]) -> NDArray[Any]:
