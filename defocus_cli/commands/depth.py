@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from defocus_cli.options.job import reading_options
 from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, output_option
 from defocus_cli.words import console
-from defocus_core.picture.depth_conversion import Converted, convert, places, refuse_existing
+from defocus_core.picture.depth_conversion import convert, places, refuse_existing
 from defocus_core.request.job import Reading
 from defocus_core.system.text import counted
 
@@ -55,29 +54,14 @@ def command(
     for place in wanted:
         with failures.kept():
             converted = convert(place, reading)
-            records.append(_record(converted))
-            for warning in converted.warnings:
+            records.append(converted)
+            for warning in converted["warnings"]:
                 console.stderr(f"warning: {warning}")
             if not as_json:
-                ends, sky = converted.range_m, converted.sky
+                ends, sky = converted["range_m"], converted["sky_pixels"]
                 words = "all sky" if ends is None else f"{ends[0]:.6g} m to {ends[1]:.6g} m"
                 words += f", {counted(sky, 'sky pixel')}" if sky else ""
-                words += f" ({converted.depth.note})"
-                console.stdout(f"{place.file} → {place.out}: {words}")
+                console.stdout(f"{place.file} → {place.out}: {words} ({converted['note']})")
     if as_json and records:
         console.print_json(files=records, failed=failures.records())
     failures.end()
-
-
-def _record(converted: Converted) -> dict[str, Any]:
-    height, width = converted.depth.metres.shape
-    return {
-        "file": str(converted.place.file),
-        "out": str(converted.place.out),
-        "size": [width, height],
-        "range_m": converted.range_m,
-        "sky_pixels": converted.sky,
-        "replaced_pixels": converted.depth.replaced,
-        "note": converted.depth.note,
-        "warnings": list(converted.warnings),
-    }

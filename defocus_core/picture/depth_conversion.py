@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.describe import describe
 from defocus_core.io.replacing import identities, require_replaceable
@@ -30,22 +31,6 @@ class DepthTarget:
     file: Path
     out: Path
     preview: Path | None
-
-    @property
-    def written(self) -> list[Path]:
-        """All files to write."""
-        return [self.out, *([] if self.preview is None else [self.preview])]
-
-
-@dataclass(frozen=True)
-class Converted:
-    """A converted depth file."""
-
-    place: DepthTarget  # source and target
-    depth: Depth
-    range_m: tuple[float, float] | None  # nearest and farthest but sky; None if there is only sky
-    sky: int  # number of sky pixels
-    warnings: tuple[str, ...]  # assumptions, and evidence of another format
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
@@ -75,12 +60,13 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
     """Refuse to replace files unless ``overwrite``, and inputs always."""
     inputs = identities(place.file for place in wanted)
-    for path in (path for place in wanted for path in place.written):
-        require_replaceable(path, overwrite=overwrite, inputs=inputs)
+    for path in (path for place in wanted for path in (place.out, place.preview)):
+        if path is not None:
+            require_replaceable(path, overwrite=overwrite, inputs=inputs)
 
 
-def convert(place: DepthTarget, reading: Reading) -> Converted:
-    """Read a depth file and write it as EXR."""
+def convert(place: DepthTarget, reading: Reading) -> dict[str, Any]:
+    """Read a depth file and write it as EXR; returns the record of it, for JSON."""
     if reading.row.rule == "radius":
         problem, remedy = "holds radii of a lens, and no depth", _RADII
         raise UsageProblem("radii", problem, remedy, field="depth-format")
@@ -104,6 +90,13 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
         if place.preview is not None:
             write_depth_preview(place.preview, depth.metres)
     finite = depth.metres[np.isfinite(depth.metres)]
-    range_m = (float(finite.min()), float(finite.max())) if finite.size else None
-    warnings = (*of_file(depth, declared=reading.says_scale), *depth.warnings)
-    return Converted(place, depth, range_m, depth.metres.size - finite.size, warnings)
+    return {
+        "file": str(place.file),
+        "out": str(place.out),
+        "size": list(depth.metres.shape[::-1]),
+        "range_m": [float(finite.min()), float(finite.max())] if finite.size else None,
+        "sky_pixels": depth.metres.size - finite.size,
+        "replaced_pixels": depth.replaced,
+        "note": depth.note,
+        "warnings": [*of_file(depth, declared=reading.says_scale), *depth.warnings],
+    }
