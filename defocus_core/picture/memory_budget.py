@@ -89,7 +89,7 @@ def base_mb() -> float:
 def _sizes(job: Job) -> tuple[float, float]:
     """MB of the arrays of a job, and of the samples of files that are decoded at once."""
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
-    outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
+    outputs, sample = job.outputs, 2 if image_type(job) == "float16" else _FLOAT
     if outputs.need_rendering:
         for other in job.picture.others.values():
             _, behind, whole_behind, _ = _inputs(other)
@@ -139,30 +139,21 @@ def _layers_of(path: Path) -> tuple[int, int]:
     return min(MAX_LAYERS, max(most for most, _ in counts)), max(every for _, every in counts)
 
 
-def _half(job: Job) -> bool:
-    """Whether half floats are enough for the images of a job until they are written."""
-    outputs = job.outputs
-    return (outputs.format, outputs.exr_type, outputs.preview) == ("exr", "half", False)
-
-
 def image_type(job: Job) -> str:
     """The number type of images in memory until they are written."""
-    return "float16" if _half(job) else "float32"
-
-
-def room_on(device: str, room_mb: float) -> float:
-    """Memory left for computing, given the free memory of the machine."""
-    available = memory.available_mb(device)
-    if device != "cpu":
-        return math.inf if available is None else available
-    return max(room_mb if available is None else min(room_mb, available), 0.0)
+    outputs = job.outputs
+    is_half = (outputs.format, outputs.exr_type, outputs.preview) == ("exr", "half", False)
+    return "float16" if is_half else "float32"
 
 
 def bound_of(job: Job, renderer: Renderer, arrays: float, device: str) -> float:
     """The bound of the memory of a rendering in MB, which is refused if it does not fit."""
     from defocus_core.renderer.engine.memory_bound import memory_bound
 
-    threads, room = job.machine.threads, room_on(device, capacity_mb(job.machine) - arrays)
+    threads, room = job.machine.threads, memory.available_mb(device)
+    room = math.inf if room is None else room
+    if device == "cpu":
+        room = max(min(room, capacity_mb(job.machine) - arrays), 0.0)
 
     def needed(threads: int, tile: int | None = None) -> float:
         return memory_bound(renderer.with_tile(tile), threads) / memory.MB

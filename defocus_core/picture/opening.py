@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.safe_files import once, read_head
@@ -101,9 +100,15 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
     """The sensitivities of the left and the right photodiodes, from a file of their kernels."""
     import torch
 
+    from defocus_core.io.array_files import read_array
     from defocus_core.optics.parts import sensitivities
 
-    left, right = (torch.from_numpy(kernels) for kernels in _two_kernels(path))
+    kernels = read_array(path)
+    if kernels.ndim != 3 or len(kernels) != 2 or max(kernels.shape) > _MAX_SIDE:
+        problem = f"holds {times(kernels.shape)} numbers, which are not kernels of two"
+        remedy = "save left and right as 2 × height × width"
+        raise InputError("wrong-size", problem, remedy, path=path)
+    left, right = torch.from_numpy(np.array(kernels, "float64"))
     try:
         return sensitivities(left, right)
     except ValueError as error:
@@ -111,18 +116,6 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
         raise InputError(
             "malformed", problem, "measure both of a point beyond the focus", path=path
         ) from None
-
-
-def _two_kernels(path: Path) -> NDArray[Any]:
-    """Kernels of left and right, [2, H, W] of an NPY file."""
-    from defocus_core.io.array_files import read_array
-
-    kernels = read_array(path)
-    if kernels.ndim != 3 or len(kernels) != 2 or max(kernels.shape) > _MAX_SIDE:
-        problem = f"holds {times(kernels.shape)} numbers, which are not kernels of two"
-        remedy = "save left and right as 2 × height × width"
-        raise InputError("wrong-size", problem, remedy, path=path)
-    return np.array(kernels, "float64")
 
 
 @once

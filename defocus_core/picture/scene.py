@@ -36,9 +36,8 @@ def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
     """The passes of surfaces; the most important one comes last."""
     take = surfaces.take
     channels = tuple(range(len(take.inputs.color.planes)))
-    return apply_steps(
-        PASSES, (Pass(take, _scene(surfaces), settings_of(take), channels, channels),)
-    )
+    whole = Pass(take, _scene(surfaces), settings_of(take), channels, channels)
+    return apply_steps(PASSES, (whole,))
 
 
 def _scene(surfaces: Surfaces) -> Scene:
@@ -153,25 +152,20 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
     """A pass for each group of colours."""
     (whole,) = every
-    take = whole.take
-    return tuple(
-        whole._replace(channels=channels, light=channels, px=take.longer_axis * px)
-        for channels, px in _groups(take)
-    )
-
-
-def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
-    """The groups of channels to render together, each with the px to add to its radii."""
-    color = take.inputs.color
-    ends = [name.rpartition(".")[2] for name in (*color.channels, *color.passes)]
+    take, color = whole.take, whole.take.inputs.color
     if "R" not in color.channels:
-        return [(tuple(range(len(ends))), 0.0)]
-    offsets = color_offsets(take.lens, take.size)
+        return every
+    ends = [name.rpartition(".")[2] for name in (*color.channels, *color.passes)]
     red, blue = (tuple(c for c, end in enumerate(ends) if end == name) for name in "RB")
     others = tuple(c for c, end in enumerate(ends) if end not in ("R", "B"))
+    offsets = color_offsets(take.lens, take.size)
+    groups = {red: offsets[0], blue: offsets[1], others: 0.0}
     if offsets[0] == offsets[1]:
-        return [((*red, *blue), offsets[0]), (others, 0.0)]
-    return [(red, offsets[0]), (blue, offsets[1]), (others, 0.0)]
+        groups = {(*red, *blue): offsets[0], others: 0.0}
+    return tuple(
+        whole._replace(channels=channels, light=channels, px=take.longer_axis * px)
+        for channels, px in groups.items()
+    )
 
 
 def picture_on(planes: Sequence[Any], device: str) -> Tensor:

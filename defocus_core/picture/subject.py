@@ -216,9 +216,13 @@ def with_blur_and_focus(
         near = ""
         if reading.invert is None and not own_format(picture.depth):
             reading, near = with_near_end(_depth_alone(picture, reading.as_relative()), reading)
-        chosen = _of_relative(
-            picture, reading, given, whole_subject=whole_subject and lenses.file is None
-        )
+        size, depth = size_of(picture), None
+        if not given.keys() & set(_UNFOCUSED):
+            depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
+            if picture.color != picture.depth:
+                require_size(picture.depth, reading, depth.metres.shape, size)
+        is_whole = whole_subject and lenses.file is None
+        chosen = options_of(depth, size, given, whole_subject=is_whole)
         if not chosen:
             return lenses, reading
         words = " ".join(f"‹{name}› {each.text}" for name, each in chosen.items())
@@ -256,18 +260,6 @@ def white_is_near(depth: Depth) -> float:
     sides = (rank[: height // 2, :wide], rank[: height // 2, -wide:], rank[:high])
     borders = np.concatenate([side.ravel() for side in sides])
     return float(rank[-high:].mean() - rank[:high].mean() + middle.mean() - borders.mean())
-
-
-def _of_relative(
-    picture: PictureFiles, reading: Reading, given: Layer, *, whole_subject: bool
-) -> dict[str, Given]:
-    """Default blur and focus, unless given."""
-    size, depth = size_of(picture), None
-    if not given.keys() & set(_UNFOCUSED):
-        depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
-        if picture.color != picture.depth:
-            require_size(picture.depth, reading, depth.metres.shape, size)
-    return options_of(depth, size, given, whole_subject=whole_subject)
 
 
 def options_of(
