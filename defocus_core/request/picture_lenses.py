@@ -72,7 +72,12 @@ class PictureLenses:
 
     def __post_init__(self) -> None:
         """Refuse options that are set twice, and metadata without effect."""
-        listed = self._listed
+        listed = {
+            name
+            for layer in self.points.values()
+            for name in layer.keys() & self.own.keys()
+            if layer[name].place.field.startswith(LISTED)
+        }
         for name in sorted(listed):
             note(f"{self.own[name].place}: gives way to the lenses of [sweep] that set it")
         refuse_repeated({k: v for k, v in self.own.items() if k not in listed}, self.places)
@@ -80,13 +85,6 @@ class PictureLenses:
             asked = {METADATA: Given(True, "", self.where.with_field(METADATA))}
             in_pixels = "blur" in {*self.own, *self.places}
             refuse_optics(asked, in_pixels=in_pixels, radii=self.reading.holds_radii)
-
-    @property
-    def _listed(self) -> set[str]:
-        """The options of all pictures that a listed lens of ``[sweep]`` sets, too."""
-        points = self.points.values()
-        own = ((name, layer[name]) for layer in points for name in layer.keys() & self.own.keys())
-        return {name for name, value in own if value.place.field.startswith(LISTED)}
 
     @cached_property
     def places(self) -> dict[str, str]:

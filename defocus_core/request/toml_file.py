@@ -26,7 +26,13 @@ def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
 def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str, Any]:
     """The tables and values of the bytes of a TOML file."""
     try:
-        return loads(_text(data, file, what, remedy))
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("malformed", "is not a text file", remedy, path=file) from None
+    if "\0" in text or len(data) > LARGEST_FILE:
+        raise InputError("malformed", f"is not a {what}", remedy, path=file)
+    try:
+        return loads(text)
     except (ValueError, RecursionError) as error:  # ValueError for a number of 5000 digits
         raise InputError(
             "malformed", f"is not TOML: {reason(error)}", "mend that line", path=file
@@ -130,13 +136,3 @@ def read_bytes(file: Path, what: str, remedy: str) -> bytes:
             return opened.read(LARGEST_FILE + 1)  # bounded, as for /dev/zero
     except OSError as error:
         raise cannot_read(file, error, remedy) from None
-
-
-def _text(data: bytes, file: Path, what: str, remedy: str) -> str:
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("malformed", "is not a text file", remedy, path=file) from None
-    if "\0" in text or len(data) > LARGEST_FILE:
-        raise InputError("malformed", f"is not a {what}", remedy, path=file)
-    return text
