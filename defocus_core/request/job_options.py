@@ -35,7 +35,6 @@ from defocus_core.request.output_kinds import (
 )
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import (
-    QuantityError,
     always,
     one_of,
     quantity,
@@ -49,18 +48,7 @@ _edge_width = quantity(
 )
 
 
-def format_name(text: str) -> str:
-    """The name of a depth format, from it or an alias; errors propose the nearest."""
-    from difflib import get_close_matches
-
-    name = text.lower()
-    if name in NAMES:
-        return name
-    near = get_close_matches(name, NAMES, n=3, cutoff=0.5)
-    near = list(dict.fromkeys([*(n for n in NAMES if name in n or n in name), *near]))[:4]
-    nearest = f"did you mean {' or '.join(near)}? " if near else ""
-    remedy = f"{nearest}'defocus help depth' lists all of them"
-    raise QuantityError(f"'{text}' is not a depth format", remedy)
+_FORMAT = one_of(NAMES, otherwise="'defocus help depth' lists all of them")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +64,7 @@ _READING = (
     ReadingParam(
         name="depth-format",
         is_common=True,
-        parse=format_name,
+        parse=lambda text: _FORMAT(text.lower()),
         metavar="NAME",
         help="Format of the depth file, like kitti; 'defocus help depth' lists all formats.",
     ),

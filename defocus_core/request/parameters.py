@@ -103,7 +103,7 @@ class LensParam(Param):
     is_optics: bool = False  # it decides radii, so that it has no effect beside a file of them
     # the scale of its interpolation between keys of frames, as one number or several; empty for a
     # value that holds until the next key and is drawn by choice only
-    even_in: str = ""
+    even_in: str = "steps"
     bare_unit: str = ""  # unit of plain numbers at keys of frames, if different
     # its key in records of any lens; empty if its field is recorded only when on
     recorded_as: str = ""
@@ -215,7 +215,6 @@ _ROWS = (
         example="240,135",
         recorded_as="focus_at_px",
         separator=",",
-        even_in="steps",
         instead_of="focus",
         is_optics=True,
     ),
@@ -255,7 +254,6 @@ _ROWS = (
         help="Number of the depth file that is in focus, like 128; with ‹blur›.",
         tag="value",
         example="128",
-        even_in="steps",
         needs="blur",
         idle="has an effect only with a blur in pixels",
         instead_of="focus-at",
@@ -280,7 +278,6 @@ _ROWS = (
         tag="rim",
         example="1.05:1.5",
         separator=":",
-        even_in="steps",
         is_optics=True,
     ),
     LensParam(
@@ -294,7 +291,6 @@ _ROWS = (
         example="0.1mm:0.1mm",
         unit="mm",
         separator=":",
-        even_in="steps",
         is_optics=True,
     ),
     LensParam(
@@ -302,6 +298,7 @@ _ROWS = (
         parse=quantities.switch,
         metavar="on|off",
         help="Darken the corners by the light that the rim blocks. [default: off]",
+        even_in="",
         tag="vignetting",
         example="on",
         needs="cat-eye",
@@ -313,6 +310,7 @@ _ROWS = (
         parse=quantities.blades,
         metavar="N",
         help="Number of aperture blades: 0 is a round aperture, 3 or more an inscribed polygon.",
+        even_in="",
         tag="blades",
         example="6",
         recorded_as="blades",
@@ -327,7 +325,6 @@ _ROWS = (
         example="15",
         recorded_as="blade_rotation_deg",
         optional_unit="deg",
-        even_in="steps",
         needs="blades",
         idle="turns blades; this aperture has none",
     ),
@@ -338,7 +335,6 @@ _ROWS = (
         help="Curvature of the blades: 0 is straight, 1 round.  [default: 0]",
         tag="curve",
         example="0.5",
-        even_in="steps",
         needs="blades",
         idle="bends blades; this aperture has none",
     ),
@@ -350,7 +346,6 @@ _ROWS = (
         "radius, like 0.4.  [default: 0]",
         tag="mirror",
         example="0.4",
-        even_in="steps",
     ),
     LensParam(
         name="spherical",
@@ -360,7 +355,6 @@ _ROWS = (
         "soft discs in front of it; negative values the reverse.  [default: 0]",
         tag="ring",
         example="0.5",
-        even_in="steps",
     ),
     LensParam(
         name="squeeze",
@@ -378,6 +372,7 @@ _ROWS = (
         metavar="FILE",
         help="Picture of the aperture, instead of blades: grey or RGB, PNG, EXR or NPY. Bright is "
         "open; oriented as the bokeh beyond the focus.",
+        even_in="",
         tag="pupil",
         example="pupil.png",
         file_field="aperture_image",
@@ -393,7 +388,6 @@ _ROWS = (
         tag="lights",
         example="auto",
         separator=":",
-        even_in="steps",
     ),
     LensParam(
         name="dp-model",
@@ -404,6 +398,7 @@ _ROWS = (
         "an ideal that costs 3 to 8 dB on real pairs; smooth: each sees all of it, falling off "
         "towards the other side; @pixel4 or @canon-dpp: a measured sensor; or a file of measured "
         "kernels, like pair.npy.  [default: split]",
+        even_in="",
         tag="dp",
         example="smooth",
         file_field="dp_kernels",
@@ -415,7 +410,6 @@ _ROWS = (
         help="Share of its light that each photodiode loses to the other, like 0.15.  [default: 0]",
         tag="crosstalk",
         example="0.15",
-        even_in="steps",
     ),
     LensParam(
         name="noise",
@@ -426,7 +420,6 @@ _ROWS = (
         tag="noise",
         example="4000:3",
         separator=":",
-        even_in="steps",
     ),
     LensParam(
         name="noise-seed",
@@ -434,6 +427,7 @@ _ROWS = (
         parse=quantities.whole,
         metavar="N",
         help="Seed of the noise.  [default: 0]",
+        even_in="",
         tag="seed",
         example="7",
         needs="noise",

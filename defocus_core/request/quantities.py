@@ -246,12 +246,14 @@ def always(value: T) -> Callable[[str], T]:
     return lambda _: value
 
 
-def one_of(words: Collection[str], code: str = "malformed") -> Callable[[str], str]:
-    """A parser that takes one of the words."""
+def one_of(
+    words: Collection[str], code: str = "malformed", otherwise: str = ""
+) -> Callable[[str], str]:
+    """A parser that takes one of the words; `otherwise`: the remedy if none is near."""
 
     def parse(text: str) -> str:
         if text not in words:
-            remedy = did_you_mean(text, [*words], f"choose from {', '.join(words)}")
+            remedy = did_you_mean(text, [*words], otherwise or f"choose from {', '.join(words)}")
             raise QuantityError(f"'{text}' is not known", remedy, code)
         return text
 

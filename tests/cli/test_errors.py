@@ -124,9 +124,7 @@ R --obstruction 2 → \
 R --noise 1000 → \
 2 malformed --noise: '1000' is not a sensor noise; write ELECTRONS:READ, like 4000:3
 R --depth-repair of → 2 unknown-name --depth-repair: 'of' is not known; did you mean off?
-R --depth-format kiti → \
-2 malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
-'defocus help depth' lists all of them
+R --depth-format kiti → 2 malformed --depth-format: 'kiti' is not known; did you mean kitti?
 B wide.toml → \
 2 malformed wide.toml: [reading] edge-width: '101' is not the width of an edge; give 0 to \
 100, like 8px
