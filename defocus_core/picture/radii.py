@@ -57,11 +57,8 @@ def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
 
     from defocus_core.depth.ramps import radius_from_relative_disparity
 
-    assert lens.blur_reach is not None, "with_blur_reach() is for this"
-    if blur > _MAX_PX:
-        problem = f"is blurred by {blur:.2g} px"
-        raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
     reach = lens.blur_reach
+    assert reach is not None, "with_blur_reach() is for this"
     largest = -blur if depth.inverted else blur
     ends = sharp_numbers(lens)
 
@@ -82,7 +79,6 @@ def sharp_numbers(lens: LensValues) -> tuple[float, float]:
 
 def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
     """The radii, limited to ``limit`` px."""
-    limit = min(limit, float(np.finfo(np.float32).max))
     larger = np.abs(radii.px) > np.float32(limit)
     if depth.empty is not None:
         larger &= ~depth.empty

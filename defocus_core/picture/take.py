@@ -277,11 +277,14 @@ def measures(take: Take) -> dict[str, float | None]:
     pixels of which less than 99 % of the lens saw what the picture holds.
     """
     nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
-    pixels = take.stats.get("pixels", 0)
-    invented = take.stats.get("pixels_invented")
+    pixels, invented = take.stats.get("pixels", 0), take.stats.get("pixels_invented")
+    color, clipped = take.inputs.color, None
+    if color.path.suffix.lower() not in _FLOATS:
+        white = [sample_plane(plane) >= _WHITE for plane in color.light]
+        clipped = float(np.mean(np.any(white, axis=0)))
     return {
         **radius_measures(sample_plane(take.shown), nothing),
-        "clipped_share": _clipped_share(take),
+        "clipped_share": clipped,
         "invented_share": None if invented is None or not pixels else invented / pixels,
     }
 
@@ -295,11 +298,3 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
     ordered, place = np.sort(sizes, axis=None), np.array([0.5, 0.99]) * (sizes.size - 1)
     percentiles = np.interp(place, np.arange(sizes.size), ordered)
     return dict(zip(RADII, map(float, (sizes.mean(), *percentiles)), strict=True))
-
-
-def _clipped_share(take: Take) -> float | None:
-    """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
-    color = take.inputs.color
-    if color.path.suffix.lower() in _FLOATS:
-        return None
-    return float(np.mean(np.any([sample_plane(plane) >= _WHITE for plane in color.light], axis=0)))

@@ -194,10 +194,9 @@ def _pair(
     if depth is None:
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
         if colors.kind == "file" and not holds_both(colors.path):
+            problem = "holds no depth beside its colour"
             remedy = "give the depth file as a second argument"
-            raise InputError(
-                "no-depth", "holds no depth beside its colour", remedy, path=colors.path
-            )
+            raise InputError("no-depth", problem, remedy, path=colors.path)
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)
         depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
@@ -240,21 +239,13 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
         if suffix not in suffixes:
             continue
         if name in by_name:
-            problem = (
-                f"names both {by_name[name]} and {file} '{name}', so their outputs would clash"
-            )
-            raise InputError(
-                "duplicate",
-                problem,
-                "rename or move one of them, or use a narrower pattern",
-                path=path,
-            )
+            problem = f"names {by_name[name]} and {file} '{name}', so their outputs would clash"
+            remedy = "rename or move one of them, or use a narrower pattern"
+            raise InputError("duplicate", problem, remedy, path=path)
         by_name[name] = file
     if not by_name:
-        known = ", ".join(sorted(suffix[1:] for suffix in suffixes))
-        raise InputError(
-            "empty", "holds no file of a known type", f"give files of type {known}", path=path
-        )
+        remedy = f"give files of type {', '.join(sorted(suffix[1:] for suffix in suffixes))}"
+        raise InputError("empty", "holds no file of a known type", remedy, path=path)
     return _Files(path, kind, by_name, photos)
 
 

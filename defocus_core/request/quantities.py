@@ -135,7 +135,7 @@ distance = quantity("a length", "like 2m or 50mm", _MM | {"": "1000"}, is_positi
 _end = quantity("a distance", "like 2m, 0 or inf", _MM | {"": "1000"}, least=0, most=_MAX_LENGTH)
 percentage = quantity("a percentage", "like 50", {"": 1, "%": 1}, least=0, most=100)
 # A positive length in the picture, from ``40px`` or ``40``.
-pixel_count = quantity("a length in px", "like 40px", _PX, is_positive=True)
+pixel_count = quantity("a length in px", "like 40px", _PX, least=0, most=1e6, is_positive=True)
 angle = quantity("an angle", "like 15deg", _DEGREES, least=-360, most=360)
 field_of_view = quantity("a field of view", "like 60", _DEGREES, least=0.01, most=179)
 _fnumber = quantity("an f-number", "like 1.4", is_positive=True)
