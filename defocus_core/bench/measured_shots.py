@@ -94,8 +94,9 @@ def measure_shot(
             errors = metrics.measure(
                 picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
             )
-            row = {"scene": shot.scene, "shot": shot.name, "method": method, "seconds": seconds}
-            yield row | {"fft_units": 2 * seconds / (before + after)} | asdict(errors)
+            row = {"scene": shot.folder.name, "shot": shot.name, "method": method}
+            cost = {"seconds": seconds, "fft_units": 2 * seconds / (before + after)}
+            yield row | cost | asdict(errors)
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError("out-of-memory", problem, "use ‹device› cpu", path=shot.folder) from None

@@ -39,11 +39,6 @@ class TruthShot:
     lens: LensValues  # lens of the shot
     border: int  # px at each side that may show content from outside the frame
 
-    @property
-    def scene(self) -> str:
-        """The name of the scene."""
-        return self.folder.name
-
 
 class Pictures(NamedTuple):
     """A shot decoded."""

@@ -40,13 +40,13 @@ def progress(out: Path, failures: int) -> Progress:
     require_journal(out, "*journal*.[jr]*")
     divided = shards(out)
     parts = (None, *divided)
-    runs = [run for part in parts if (run := open_run(out, part)) is not None]
+    runs = [open_run(out, part) for part in parts]
     ledger = Ledger(out)
     live = [*ledger.live()]
     without = [number for number in live if not ledger.is_ok(number)]
     ended = [ledger.record(number) for number in without[-failures:] if failures]
     records = ledger.counts()
-    left = [n for run in runs for name, n in run.jobs.items() if records[name] <= n]
+    left = [n for run in runs for name, n in run.items() if records[name] <= n]
     again = sum(map(bool, left))
     of = max((part.of for part in divided), default=0)
     begun = sorted(part.number for part in divided if part.of == of)

@@ -152,25 +152,25 @@ def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
     return path
 
 
-def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
-    """The noted run on OUT, or on a shard; None if it has ended."""
+def open_run(out: Path, shard: Shard | None = None) -> dict[str, int]:
+    """The noted jobs of a run on OUT, or on a shard; none if it has ended."""
     path = run_path(out, shard)
     try:
         text = Folder(path.parent).read(path.name)
     except FileNotFoundError:
-        return None
+        return {}
     except OSError as error:
         raise cannot_read(path, error, "remove it") from None
     with suppress(*NO_JSON):
-        return decode(text, type=OpenRun)
+        return decode(text, type=OpenRun).jobs
     remedy = "remove the file, and what the run left half-written; the next run begins anew"
     raise InputError("malformed", "is not the note of a run", remedy, path=path)
 
 
 def begun_samples(out: Path, shard: Shard | None) -> set[str]:
     """The samples of interrupted runs, which may have files without records."""
-    runs = (open_run(out, part) for part in (None, *(shards(out) if shard is None else [shard])))
-    return {name for run in runs if run is not None for name in run.jobs}
+    parts = (None, *(shards(out) if shard is None else [shard]))
+    return {name for part in parts for name in open_run(out, part)}
 
 
 def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:

@@ -13,7 +13,7 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from queue import SimpleQueue
@@ -213,8 +213,12 @@ class _Worker:
         self.process: SpawnProcess = context.Process(
             target=serve, args=(theirs,), daemon=True, name="defocus-worker"
         )
-        with _without_interrupts():
+        resource_tracker.ensure_running()  # else the first process starts it and unblocks SIGINT
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # we handle Ctrl-C
+        try:
             self.process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self.flight: dict[int, Job] = {}
         self.ready = False
@@ -244,14 +248,3 @@ class _Worker:
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Keep Ctrl-C from processes started in the block; the coordinator handles it."""
-    resource_tracker.ensure_running()  # else the first process starts it and unblocks SIGINT
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
