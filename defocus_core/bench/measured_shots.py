@@ -47,10 +47,7 @@ Row = dict[str, Any]  # one shot by one method: the values of `COLUMNS`
 
 
 def warm_up(device: str) -> str:
-    """Render a tiny picture, so that no shot is charged for start-up; returns the device.
-
-    From here on torch uses one thread: threads work on tiles or channels.
-    """
+    """Render a tiny picture, so that no shot is charged for start-up; returns the device."""
     plain_path.load()
     import torch
 

@@ -27,14 +27,8 @@ def plain_sum(
 ) -> Tensor:
     """The sum of all blurred slices, divided by the sum of their coverage, without occlusion.
 
-    Args:
-        image: [C, H, W], linear light.
-        signed_radius: [H, W] px, negative nearer than focus.
-        aperture: The pupil, a round one by default.
-        quality: The quality whose slice radii are used.
-
-    Returns:
-        [C, H, W], from black beyond the frame.
+    `image`: [C, H, W], linear light; `signed_radius`: [H, W] px; `aperture`: a round one by
+    default; `quality`: whose slice radii are used. Returns [C, H, W].
     """
     H, W = signed_radius.shape
     radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), quality_of(quality))

@@ -35,12 +35,8 @@ class Errors:
 def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: int) -> Errors:
     """All errors of a picture, without the border, which depends on content outside the frame.
 
-    Args:
-        picture: [3, H, W], linear.
-        truth: [3, H, W], linear.
-        signed_radius: [H, W] px.
-        border: Px left out on each side, the greatest CoC radius rounded up. Pixels within this
-            distance of a depth edge are near it.
+    `picture`, `truth`: [3, H, W], linear; `signed_radius`: [H, W] px; `border`: px left out on each
+    side, the greatest CoC radius rounded up; pixels so far from a depth edge are near it.
 
     Raises:
         ValueError: If shapes differ, the border leaves less than 11 px, or a pixel of the picture

@@ -255,10 +255,7 @@ class Search:
         return point
 
     def _normal(self, point: Point, pictures: Scale, probes: Tensor) -> tuple[Tensor, Tensor]:
-        """The matrix [B, P, P] and the gradient [B, P] of a step, for each block of the picture.
-
-        The step is in units of the probes [P, P], a row each.
-        """
+        """Matrix [B, P, P] and gradient [B, P] of each block, by steps of the probes [P, P]."""
         away, weight = self._residual.differences(point, pictures)
         moved = [_moved(point, self._free, probe) for probe in probes]
         tables = [away] + [self._residual.differences(there, pictures)[0] - away for there in moved]
@@ -303,10 +300,7 @@ class Search:
         )
 
     def _errors(self, point: Point, pictures: Scale, slopes: Tensor) -> list[float]:
-        """Standard errors of N numbers with slopes [N, P] by the unknowns; may be infinite.
-
-        They are those of a jackknife: steps without each block in turn.
-        """
+        """Standard errors, by a jackknife of the blocks, of numbers with slopes [N, P]."""
         probes = _probes(point, pictures, self._free)
         hessian, gradient = self._normal(point, pictures, probes)
         _, weight = self._residual.differences(point, pictures)

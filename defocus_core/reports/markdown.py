@@ -25,10 +25,7 @@ _LONGEST = 240  # characters in the column of what happened
 def write_markdown(
     path: Path, title: str, records: Sequence[Comparison], pairs: int | None = None
 ) -> None:
-    """Write a table of failed pairs, pictures of the worst, and the counts of causes.
-
-    Difference images that were written are linked by their relative path.
-    """
+    """Write a table of failed pairs, difference images of the worst, and the counts of causes."""
     failing = sorted((each for each in records if not each.passes), key=rank)
     lines = [BEGINNING, f"### {_plain(title)}", "", _plain(summary(records, pairs)) + "."]
     causes = Counter(finding.name for record in failing for finding in record.findings)

@@ -71,11 +71,7 @@ def _header(name: str, size: int) -> tarfile.TarInfo:
 
 
 def write(out: Path, limit: int) -> list[Path]:
-    """Pack the samples of the index of OUT into tars of at most ``limit`` bytes.
-
-    A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
-    needed are removed.
-    """
+    """Pack the samples of the index of OUT into tars of at most ``limit`` bytes, or one sample."""
     below, kept = Folder(out), list[str]()
     for name, samples in _shards(_samples(out), limit):
         if _lines(below, f"{FOLDER}/{name}") != [sample.line for sample in samples]:

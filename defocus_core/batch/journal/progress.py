@@ -68,10 +68,7 @@ def progress(out: Path, failures: int) -> Progress:
 
 
 def merge(out: Path) -> tuple[int, int, list[str]]:
-    """Merge the journals of all shards into that of OUT, and remove them.
-
-    Returns the numbers of live jobs and of journals, and the shards without one, like 2/8.
-    """
+    """Merge the journals of shards; the numbers of jobs and journals, and shards without one."""
     require_journal(out)
     with locked(out):
         parts = gather(out)

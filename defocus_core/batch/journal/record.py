@@ -188,10 +188,7 @@ def record_of(line: bytes, linked: frozenset[str] = frozenset()) -> Record:
 
 
 def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
-    """What is wrong with the path of an output, as ``leads upwards``; None if it is one of OUT.
-
-    `inputs`: those of its job by role, labels among them, whose folders have outputs, too.
-    """
+    """What is wrong with the path of an output in OUT, also of a label among the inputs, if any."""
     fault = path_fault(path)
     if fault is not None:
         return fault

@@ -154,11 +154,7 @@ def _computed(
 def run(
     jobs: Iterable[tuple[int, Job]], done: Done, stopped: Callable[[], bool] = lambda: False
 ) -> None:
-    """Do numbered jobs in their order; the next one is requested before the last is done.
-
-    `done`: called with number and end of each job as soon as it is durable, on any thread, one at a
-    time.
-    """
+    """Do numbered jobs in their order; ``done`` is called on any thread, one at a time."""
     gate, reader, numbered = Gate(), Reader(), iter(jobs)
     decoding, ended = threading.Lock(), threading.Event()
 

@@ -251,10 +251,7 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The power of 2 at the hottest colour; 0 if nothing differs.
-
-    It follows from the pixels that differ, so that few lights, or many equal pixels, do not set it.
-    """
+    """The power of 2 at the hottest colour, of the pixels that differ but for few; 0 if none do."""
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0

@@ -56,10 +56,7 @@ def of_map(plane: NDArray[Any], value_range: tuple[float, float]) -> bytes:
 
 
 def of_difference(greatest: NDArray[Any], full: float) -> bytes:
-    """A JPEG of differences [H, W] in heat colours, reduced to the worst pixel of each block.
-
-    Differences that are NaN or infinite are magenta.
-    """
+    """A JPEG of the worst difference [H, W] of each block in heat colours; NaN and Inf magenta."""
     with np.errstate(all="ignore"):
         share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
     worst, block = share, _block(share.shape)
