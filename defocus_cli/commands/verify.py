@@ -50,12 +50,11 @@ def command(machine: Machine, as_json: bool) -> int:
     set_to_render()
     start = time.perf_counter()
     checks: list[Check] = []
-    if not as_json:
-        console.stdout(_LINE.format("law", "measured", "worst", "bound", "unit", "").rstrip())
+    say = (lambda line: None) if as_json else console.stdout
+    say(_LINE.format("law", "measured", "worst", "bound", "unit", "").rstrip())
     for check in verify(LawSetting(device, machine.quality, machine.threads)):
         checks.append(check)
-        if not as_json:
-            console.stdout(_line(check))
+        say(_line(check))
     seconds = time.perf_counter() - start
     failed = sum(not check.ok for check in checks)
     if as_json:
@@ -68,11 +67,10 @@ def command(machine: Machine, as_json: bool) -> int:
             ok=not failed,
             checks=[_record(check) for check in checks],
         )
-    else:
-        measured = sum(check.value is not None for check in checks)
-        verdict = f"{failed} of {measured} FAILED" if failed else f"all {measured} hold"
-        work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
-        console.stdout(f"{verdict}, {seconds:.1f} s ({work})")
+    measured = sum(check.value is not None for check in checks)
+    verdict = f"{failed} of {measured} FAILED" if failed else f"all {measured} hold"
+    work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
+    say(f"{verdict}, {seconds:.1f} s ({work})")
     return 1 if failed else 0
 
 

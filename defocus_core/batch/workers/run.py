@@ -343,8 +343,9 @@ def _index(asked: Collection[str], state: _State) -> None:
 def _tell_backs(state: _State) -> None:
     """Warn that pictures of another back stay beside those of this run."""
     ledger, made = state.plan.ledger, state.backs
-    before = {ledger.outcomes[number].back for number in ledger.live()} - {""}
-    if state.plan.settled and made and before not in (made, set()):
+    stay = ledger.live() if state.plan.settled and made else ()
+    before = {ledger.outcomes[number].back for number in stay} - {""}
+    if before and before != made:
         earlier, later = (" and ".join(sorted(backs)) for backs in (before, made))
         note(f"{ledger.out}: earlier pictures are by {earlier}, those of this run by {later}")
 
