@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Mapping
+from functools import partial
 from pathlib import Path
 
 from defocus_core.batch.datasets.sample_index import NAME, is_free
@@ -20,6 +21,7 @@ from defocus_core.system.text import note
 README = "README.md"
 _OWN = "---\n# Written by defocus; without this line it stays as it is.\n"
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
+_quoted = partial(json.dumps, ensure_ascii=False)
 _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # special characters of Markdown
 
 
@@ -80,7 +82,3 @@ def _fenced(text: str, language: str) -> str:
     """A text as a block of code, within a fence that does not occur in it."""
     fence = "`" * (1 + max(2, *map(len, re.findall("`+", text)), 0))
     return f"{fence}{language}\n{text}\n{fence}"
-
-
-def _quoted(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False)

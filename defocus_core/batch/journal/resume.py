@@ -92,12 +92,8 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 def recipe(job: Job, renderer: int | None = RENDERER_VERSION) -> str:
     """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
     names = {role: path.name for role, path in job.files.items()}
-    return digest({"settings": settings(job), "names": names, "renderer": renderer})
-
-
-def digest(value: object) -> str:
-    """The hash of a plain value."""
-    return blake2b(_ENCODER.encode(value).encode(), digest_size=DIGEST).hexdigest()
+    text = _ENCODER.encode({"settings": settings(job), "names": names, "renderer": renderer})
+    return blake2b(text.encode(), digest_size=DIGEST).hexdigest()
 
 
 def versions() -> dict[str, Any]:
