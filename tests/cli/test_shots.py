@@ -166,7 +166,7 @@ def test_a_contact_sheet_shows_some_frames(tmp_path):
     ran = photograph(*patterns, "-o", tmp_path / "out", "--contact", "3")
     assert "contact sheet ->" in ran.err
     sheet = oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).get_pixels(oiio.UINT8)
-    assert sheet.shape == (2 * (HEIGHT + 22), 2 * 320, 3)
+    assert sheet.shape == (2 * (HEIGHT + 26), 2 * 320, 3)
     lit = [sheet[y : y + HEIGHT, x : x + WIDTH].any() for y in (0, HEIGHT + 22) for x in (0, 320)]
     assert lit == [True, True, True, False]  # three frames, and an empty place
     photograph(*patterns, "-o", tmp_path / "out", "--contact", "1")
