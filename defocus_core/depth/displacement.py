@@ -6,7 +6,9 @@ their colours are known, as normal distributions along the silhouette; a displac
 pixels across it that would be left on the wrong side. The costs of all displacements are averaged
 along a silhouette before the least is chosen, so that it stays smooth (as in stereo, Hosni et al.
 2013), and chosen softly, so that it holds still (Kendall et al. 2017). A displacement that is rare
-in the picture needs more evidence.
+in the picture needs more evidence, and so does one that differs from those of a longer part of the
+silhouette by more than a px: where colours decide little, a place has the displacement of its
+neighbours (mean field; Krähenbühl and Koltun 2011).
 
 How far colours decide is tested on px whose side is known, beyond those that were sampled: textures
 that are alike on both sides fail there, and the depth's own edge stays.
@@ -23,9 +25,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
+from defocus_core.depth.matting import radii_by_color
 from defocus_core.depth.ramps import HARD_STEP, LEVEL, DistanceScale, slope_of_soft_edges
-from defocus_core.tensors.device_plan import bands, pieces, sent
+from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
@@ -65,6 +67,9 @@ _ROUNDS = 24
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
 _SPREAD = 0.15
+# Rounds of averaging that give what is expected of a place; times that it is; the cost of a px² by
+# which a displacement differs by more than so many px; and the variance of one that is certain.
+_LONG, _TIMES, _STIFF, _FREE, _CERTAIN = 60, 4, 1.0, 1.0, 0.5
 # Grains of displacement in a px: finer differences are rounding.
 _GRAINS = 1 << 8
 # Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
@@ -74,14 +79,9 @@ _RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
 _BEFORE, _MAXIMIZATIONS = 3.0, 3
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
-# A picture of hard edges is shifted if so many profiles count, if the median displacement is so
-# many px, and if such a share of the votes lie within a px of it.
-_VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
-# Of hard edges so many pixels decide if the median displacement of these is less than so many px.
-_GLANCE, _CENTRED = 1 << 8, 0.251
-# Px around a pixel that decide whether it is on a silhouette; and what it becomes.
-AROUND_EDGE = NORMAL + FARTHEST + 3
-AROUND = REACH + 4 * _ROUNDS + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
+# A picture of hard edges is shifted if the median displacement is so many px, and if such a share
+# of the votes lie within a px of it.
+_BIASED, _AGREED = 0.75, 0.6
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Bytes that a profile takes while it is examined.
@@ -89,11 +89,12 @@ _BYTES_EACH = 1 << 13
 
 
 class ShiftEvidence(NamedTuple):
-    """What colours say of the displacements of a silhouette, averaged along it."""
+    """What colours say of the displacements of a silhouette."""
 
     costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
     fraction: Tensor  # [n, 1], of the profiles around that show both surfaces
     told: Tensor  # [n, 2], of px beyond the samples: how well they are told apart, and their number
+    beside: Tensor  # [n, K] places of its pixels within 5×5 px, over which it is averaged; n: none
 
 
 class EdgeShifts(NamedTuple):
@@ -121,59 +122,23 @@ def measured_shifts(
     `soft`: slope in px of soft edges, which no edge steps less than; None for hard ones, which are
     shifted only if most are displaced alike.
     """
-    every, step = bands(signed_radius), least_step(signed_radius, soft)
-    on_edges = partial(_on_edges, signed_radius, step=step, scale=scale)
-    found = dict(zip(every, threaded(on_edges, every, threads), strict=True))
-    found = {rows: at for rows, at in found.items() if len(at)}
-    if not found:
+    step, radii, colors = least_step(signed_radius, soft), signed_radius.detach(), pixels.detach()
+    edges = positions_of(edges_of(radii, step, scale))
+    if not len(edges):
         return None
 
-    def evidence_of(rows: tuple[int, int], chance: float) -> ShiftEvidence:
-        """The evidence at the pixels of a band that are examined."""
-        above = max(rows[0] - REACH, 0)
-        radii, colors = (
-            each[..., above : rows[1] + REACH, :].detach() for each in (signed_radius, pixels)
-        )
-        at = torch.stack([found[rows][:, 0] + (rows[0] - above), found[rows][:, 1]], 1)
-        if chance < 1:
-            at = at[_hashes(at, radii, colors) < chance]
+    def examined(chance: float) -> ShiftEvidence:
+        at = edges[_hashes(edges, radii, colors) < chance] if chance < 1 else edges
         # edges that ran within objects were soft; hard ones may only be biased
         rims, silhouette = soft is not None, _silhouette_at(at, radii)
-        return edge_evidence(silhouette, radii, colors, along=False, rims=rims)
+        return edge_evidence(silhouette, radii, colors, threads, along=False, rims=rims)
 
-    def examined(chance: float) -> ShiftEvidence:
-        parts = threaded(partial(evidence_of, chance=chance), list(found), threads)
-        return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
-
-    edges = sum(map(len, found.values()))
-    if soft is None and edges > 2 * _GLANCE:
-        glance = examined(_GLANCE / edges)
-        median = shifts_of(glance, step)[0].median
-        if 2 * len(glance.costs) >= _GLANCE and abs(median) < _CENTRED:
-            return None
-    chance = min(_EXAMINED / edges, 1.0)
-    evidence = examined(chance)
-    if 2 * len(evidence.costs) < min(_EXAMINED, edges):  # most are alike
-        chance, evidence = 1.0, examined(1.0)
+    evidence = examined(min(_EXAMINED / len(edges), 1.0))
+    if 2 * len(evidence.costs) < min(_EXAMINED, len(edges)):  # most are alike
+        evidence = examined(1.0)
     shifts, agreed = shifts_of(evidence, step)
-    seen = float(evidence.fraction.sum(dtype=torch.float64))
-    if soft is not None:
-        return shifts if seen > 0 else None
-    is_shifted = abs(shifts.median) >= _BIASED and agreed >= _AGREED
-    return shifts if is_shifted and seen > _VOTES * chance else None
-
-
-def _on_edges(
-    signed_radius: Tensor,
-    rows: tuple[int, int],
-    *,
-    step: float,
-    scale: DistanceScale | None,
-) -> Tensor:
-    """The pixels [n, 2] in a band of rows that are on edges."""
-    above = max(rows[0] - 1, 0)
-    edges = edges_of(signed_radius[above : rows[1] + 1].detach(), step, scale)
-    return positions_of(edges[rows[0] - above : rows[1] - above])
+    is_shifted = soft is not None or (abs(shifts.median) >= _BIASED and agreed >= _AGREED)
+    return shifts if is_shifted and bool(evidence.fraction.any()) else None
 
 
 def least_step(signed_radius: Tensor, soft: float | None) -> float:
@@ -227,17 +192,21 @@ def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
 
 
 def with_shifted_edges(
-    signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts, scale: DistanceScale | None = None
+    signed_radius: Tensor,
+    pixels: Tensor,
+    shifts: EdgeShifts,
+    scale: DistanceScale | None = None,
+    threads: int = 1,
 ) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
     radii, colors = signed_radius.detach(), pixels.detach()
     silhouette = silhouette_of(radii, shifts.step, scale)
     if silhouette is None:
         return signed_radius
-    found = edge_evidence(silhouette, radii, colors)
+    found = edge_evidence(silhouette, radii, colors, threads)
     shift = likely_shifts(found, shifts)
-    undecided = torch.zeros_like(radii, dtype=torch.bool)
     trust = _trust(found.told, _OF_SILHOUETTE)[:, 0]
+    undecided = torch.zeros_like(radii, dtype=torch.bool)
     undecided[silhouette.at[:, 0], silhouette.at[:, 1]] = trust == 0
     undecided = extreme_around(undecided, NORMAL, torch.maximum)
     return radii_by_color(moved(signed_radius, silhouette, shift), colors, ~undecided)
@@ -278,37 +247,53 @@ def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tenso
 
 
 def edge_evidence(
-    silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True, rims: bool = True
+    silhouette: Silhouette,
+    radii: Tensor,  # [H, W] px
+    pixels: Tensor,  # [C, H, W] linear
+    threads: int = 1,
+    *,
+    along: bool = True,
+    rims: bool = True,
 ) -> ShiftEvidence:
-    """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
+    """The evidence of colours at the pixels of a silhouette.
 
-    `radii`: [H, W] px; `pixels`: [C, H, W] linear.
+    `along`: whether it is averaged along the silhouette; `rims`: whether the nearer surface may
+    have rims of other colours.
     """
     step = pieces(radii.device, _BYTES_EACH)  # profiles to examine at once
-    beside = _silhouette_neighbours(silhouette.at, radii) if along else None
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
-    profiles = [_profiles_of(Silhouette(*part), radii) for part in zip(*parts, strict=True)]
-    moments = torch.cat([_color_moments(each, pixels) for each in profiles])
-    if beside is not None:
+    every = [Silhouette(*part) for part in zip(*parts, strict=True)]
+    profiles = list(threaded(partial(_profiles_of, radii=radii), every, threads))
+    moments = torch.cat(list(threaded(partial(_color_moments, pixels=pixels), profiles, threads)))
+    beside = _silhouette_neighbours(silhouette.at, radii)[:, : None if along else 0]
+    if along:
         moments = _averaged(moments, beside, _ROUNDS)
-    found = [
-        _of_profiles(*each, pixels, alone=not along, rims=rims)
-        for each in zip(profiles, torch.split(moments, step), strict=True)
-    ]
+
+    def of_piece(piece: tuple[_Profiles, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        return _of_profiles(*piece, pixels, alone=not along, rims=rims)
+
+    each = list(zip(profiles, torch.split(moments, step), strict=True))
+    found = threaded(of_piece, each, threads)
     costs, seen, told = map(torch.cat, zip(*found, strict=True))
-    if beside is None:
-        return ShiftEvidence(costs, seen, told)
-    together = _averaged(torch.cat([seen * costs, seen, told], 1), beside, _ROUNDS)
-    weighted, fraction, told = together[:, :-3], together[:, -3:-2], together[:, -2:]
-    costs = weighted / fraction.clamp(min=1e-6) * _trust(told, _OF_SILHOUETTE)
-    return ShiftEvidence(costs, fraction, told)
+    if along:
+        together = _averaged(torch.cat([seen * costs, seen, told], 1), beside, _ROUNDS)
+        weighted, seen, told = together[:, :-3], together[:, -3:-2], together[:, -2:]
+        costs = weighted / seen.clamp(min=1e-6) * _trust(told, _OF_SILHOUETTE)
+    return ShiftEvidence(costs, seen, told, beside)
 
 
 def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
     """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
-    rarity = found.costs.new_tensor(shifts.rarity)
-    by = torch.arange(-FARTHEST, FARTHEST + 1, device=rarity.device).to(rarity.dtype)
-    likely = ((found.costs * shifts.trust + rarity) / -_SPREAD).softmax(1)
+    by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device, dtype=torch.float64)
+    own = costs = found.costs * shifts.trust + sent(shifts.rarity, found.costs)
+    for _ in range(_TIMES):
+        likely = (costs / -_SPREAD).softmax(1)
+        mean = (likely * by).sum(1, keepdim=True)
+        weight = 1 / ((likely * (by - mean).square()).sum(1, keepdim=True) + _CERTAIN)
+        total, weighted = _averaged(torch.cat([weight, weight * mean], 1), found.beside, _LONG).T
+        apart = (by - (weighted / total)[:, None]).abs()
+        costs = own + _STIFF * (apart - _FREE).clamp(min=0).square()
+    likely = (costs / -_SPREAD).softmax(1)
     return ((likely * by).sum(1) * _GRAINS).round() / _GRAINS
 
 
@@ -508,14 +493,14 @@ def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
 
 def _of_profiles(
     profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
-) -> ShiftEvidence:
-    """The evidence of single profiles, by the moments of the colours of both surfaces."""
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Costs, fraction and told of `ShiftEvidence` of single profiles."""
     nearer = _nearer(profiles, moments, pixels, alone=alone, rims=rims)
     inside, outside = (beyond for _, beyond in profiles.sides())
     right = (nearer * inside - nearer * outside).sum(1)
     told = torch.stack([right, (inside | outside).sum(1)], 1)
     seen = profiles.is_seen.to(told.dtype)[:, None]
-    return ShiftEvidence(_displacement_costs(profiles, nearer), seen, told)
+    return _displacement_costs(profiles, nearer), seen, told
 
 
 def _nearer(

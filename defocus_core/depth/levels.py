@@ -14,7 +14,6 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
 from defocus_core.depth.displacement import (
-    AROUND_EDGE,
     DEEPEST,
     Silhouette,
     edge_evidence,
@@ -24,8 +23,7 @@ from defocus_core.depth.displacement import (
     silhouette_of,
 )
 from defocus_core.depth.ramps import LEAST_SIDE, DistanceScale
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import in_bands, sent
+from defocus_core.tensors.device_plan import sent
 
 # Displacement that is looked for, as a share of the longer side of a picture.
 _FRACTION = 0.01
@@ -46,6 +44,7 @@ def coarse_shifts(
     step: float,  # least step in px of an edge
     scale: DistanceScale | None = None,
     reach: float = 0.0,  # px of displacement to look for at least
+    threads: int = 1,
 ) -> list[CoarseShifts]:
     """The displacements that coarse levels show, coarsest first, each beside the one before it.
 
@@ -58,11 +57,11 @@ def coarse_shifts(
         levels -= 1
     found: list[CoarseShifts] = []
     for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
-        radii = _moved_coarsely(radii, found, step, scale, level)
+        radii = with_coarse_shifts(radii, found, step, scale, level)
         silhouette = silhouette_of(radii, step, scale)
         if silhouette is None:
             continue
-        evidence = edge_evidence(silhouette, radii, colors)
+        evidence = edge_evidence(silhouette, radii, colors, threads)
         shifts, _ = shifts_of(evidence, step)
         shift = likely_shifts(evidence, shifts)
         field = _field_of(silhouette, shift, radii)
@@ -71,34 +70,11 @@ def coarse_shifts(
 
 
 def with_coarse_shifts(
-    signed_radius: Tensor,
-    found: list[CoarseShifts],
-    step: float,
-    scale: DistanceScale | None,
-    threads: int = 1,
-) -> Tensor:
-    """Radii [H, W] px with their edges moved by all coarse displacements."""
-    H, W = signed_radius.shape
-    farthest = sum(float(each.field.abs().amax()) * (1 << each.level) for each in found)
-    around = math.ceil(farthest) + len(found) * AROUND_EDGE
-
-    def of_box(box: Box) -> Tensor:
-        window = box.grown(around, Box(0, 0, H, W))
-        radii = window.crop(signed_radius)
-        radii = _moved_coarsely(radii, found, step, scale, corner=window[:2], size=(H, W))
-        return box.seen_from(window).crop(radii)
-
-    return in_bands(of_box, (H, W), signed_radius.device, margin=around, threads=threads)
-
-
-def _moved_coarsely(
-    signed_radius: Tensor,  # [H, W] px
+    signed_radius: Tensor,  # [H, W] px of a level
     found: Sequence[CoarseShifts],
     step: float,
     scale: DistanceScale | None,
-    level: int = 0,  # of the radii
-    corner: tuple[int, ...] = (0, 0),  # where they begin in the picture
-    size: tuple[int, ...] | None = None,  # of the picture; None for that of the radii
+    level: int = 0,
 ) -> Tensor:
     """Radii [H, W] px with edges moved by one coarse displacement after another."""
     silhouette = None
@@ -107,9 +83,8 @@ def _moved_coarsely(
         silhouette = silhouette or silhouette_of(radii, step, scale)
         if silhouette is None:
             break
-        at = (silhouette.at + sent([*corner], silhouette.at)).T.double()
-        shift = _read_at(each.field, at, size or radii.shape) * (1 << (each.level - level))
-        radii = moved(signed_radius, silhouette, shift)
+        shift = _read_at(each.field, silhouette.at.T.double(), radii.shape)
+        radii = moved(signed_radius, silhouette, shift * (1 << (each.level - level)))
         if radii is not signed_radius:
             signed_radius, silhouette = radii, None
     return signed_radius

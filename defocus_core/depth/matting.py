@@ -54,8 +54,6 @@ _PUREST = 4
 _BESIDE = 2
 # Coverage from which on a pixel is of the subject of a matte.
 SUBJECT = 0.5
-# Px around a pixel that decide its radius by colour.
-AROUND_BY_COLOR = _BESIDE * AROUND + _BESIDE
 # Bytes that a pixel takes while it is examined.
 _BYTES_EACH = 1 << 13
 

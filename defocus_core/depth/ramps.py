@@ -45,8 +45,8 @@ _FOOT_PX, FOOT_FRACTION = 10, off_round(0.3)
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
-# Px of radius by which a ramp goes on beyond the end of a path at most.
-_ONE_LEVEL = off_round(0.9)
+# Px from which a pixel whose path does not leave the ramp takes the ends of other paths.
+_BETWEEN_PATHS = 4
 # Longer side in px of a picture in which wide ramps are looked for; least shorter one of any level.
 _REDUCED, LEAST_SIDE = 640, 32
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
@@ -120,6 +120,8 @@ def _ends_of_ramps(
         highest = extreme_around(values, 1, torch.maximum).flatten()
         far = _least_beside(-flat, ramp, _path_end(-flat, -highest, around, index, longest))
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
+    near, far = _ends_beside(flat, around, index, torch.where(found, torch.stack([near, far]), -1))
+    found = (flat[near] <= flat[index]) & (flat[index] <= flat[far]) & (near != far)
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
         found &= radii[far] - radii[near] > FOOT_FRACTION * steep * along
@@ -193,17 +195,35 @@ def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longe
     return end[index]
 
 
+def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) -> Tensor:
+    """The ends [2, n] of ramps, -1 where a path has none; there the outermost ones of paths beside.
+
+    A pixel is its own end where there are none either. Arguments as for `_path_end`.
+    """
+    missing = ends[0] < 0
+    of_pixel = torch.arange(len(values), device=values.device).repeat(2, 1)
+    is_known = torch.zeros_like(values, dtype=torch.bool)
+    of_pixel[:, index[~missing]], is_known[index[~missing]] = ends[:, ~missing], True
+    rest, beside = index[missing], around[missing]
+    for _ in range(_BETWEEN_PATHS):
+        known = is_known[beside]
+        for end, sign in ((of_pixel[0], 1), (of_pixel[1], -1)):
+            of_beside = end[beside]
+            outermost = torch.where(known, sign * values[of_beside], torch.inf).argmin(1)
+            end[rest] = of_beside.gather(1, outermost[:, None])[:, 0]
+        is_known[rest] |= known.any(1)
+    return of_pixel[:, index]
+
+
 def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
     """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
 
-    Of pixels that are as low one is taken that is on no ramp [H, W]; what is lower by more than a
-    level is not of the ramp.
+    Of pixels that are as low one is taken that is on no ramp [H, W].
     """
     row = at.div(ramp.shape[1], rounding_mode="floor")
     size = ramp.shape[0], ramp.shape[1]
     beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
     around = values[beside] + _AS_STEEP * ramp.flatten()[beside]
-    around = torch.where(values[beside] < values[at][:, None] - _ONE_LEVEL, torch.inf, around)
     return beside.gather(1, around.argmin(1, keepdim=True))[:, 0]
 
 

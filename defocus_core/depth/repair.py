@@ -12,7 +12,6 @@ from torch.nn.functional import avg_pool2d, max_pool2d
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed
-from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
 from defocus_core.depth.displacement import (
     EdgeShifts,
     least_step,
@@ -120,15 +119,13 @@ def _with_edges_of_colors(
     if shifts is None and (decided is not None or soft is None):
         return radii, None
     step = least_step(radii, soft) if shifts is None else shifts.step
-    found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
-    if found:
-        radii = with_coarse_shifts(radii, found, step, scale, threads)
+    found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach, threads=threads)
+    radii = with_coarse_shifts(radii, found, step, scale)
     if decided is None and soft is not None:
         shifts = measure(radii)
     if shifts is None:
         return radii, None
-    repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
-    radii = repaired(radii, repair_window, AROUND_SHIFTS, image, threads=threads)
+    radii = with_shifted_edges(radii, image, shifts, scale, threads)
     if decided is None:
         median = shifts.median + sum(each.median for each in found)
         shifts = shifts._replace(median=median)

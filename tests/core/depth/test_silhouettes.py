@@ -221,3 +221,18 @@ def test_what_an_edge_uncovers_is_the_surface_beyond_it():
     assert moved.all()
     assert (found[:, MIDDLE - 3 : MIDDLE - 1] == FAR).all()
     assert ((found == FAR + 10) <= (radius == FAR + 10)).all()
+
+
+def test_a_place_whose_colours_mislead_goes_with_its_neighbours():
+    """Something of the colour of the farther surface reaches into the silhouette, on 16 rows."""
+    image, radius = two_colors(texture=0.2).repeat(1, 3, 1), soft_depth().repeat(3, 1)
+    rows = slice(82, 98)
+    image[:, rows, MIDDLE - 6 : MIDDLE] = image[:, rows, MIDDLE : MIDDLE + 6]
+    assert worst(with_hard_edges(radius, image), hard_depth().repeat(3, 1)) == 0
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_no_crumbs_are_left_in_soft_edges(seed):
+    radius = 20 * torch.sigmoid(bumpy(seed, (120, 160))[1] - 12)
+    found = without_ramps(radius, 0.4)
+    assert not bool(((found > 4) & (found < 16)).any())
