@@ -20,7 +20,6 @@ from defocus_core.depth.ramps import (
     MINIMUM,
     STEEP,
     DistanceScale,
-    are_steeper,
     distance_of,
     distance_scale,
     hard_steps,
@@ -31,7 +30,7 @@ from defocus_core.depth.ramps import (
     steepness,
 )
 from defocus_core.depth.smoothing import are_few, noise_from, scatter_counts, steps_of
-from defocus_core.tensors.device_plan import bands, launches_cost
+from defocus_core.tensors.device_plan import bands
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
@@ -53,32 +52,19 @@ _ABRUPT, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
 _MINIMUM, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
 
 
-def averages(
-    band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: float | None
-) -> Tensor:
+def averages(band: Tensor, rows: tuple[int, int], infinity: float | None) -> Tensor:
     """Counts [2, 4] of averages on edges along rows and columns.
 
     The first row of the result counts averages of disparity, the second averages of distance: the
     averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
     edges, and the hard steps.
 
-    `band`: [h, W] px, the counted rows and the three rows of the frame above and below; `sizes`: of
-    steps in px from each pixel to the next, down and across; `infinity`: signed radius in px of
-    what is infinitely far; None if that is not known.
+    `band`: [h, W] px, the counted rows and the three rows of the frame above and below; `infinity`:
+    signed radius in px of what is infinitely far; None if that is not known.
     """
     counts = band.new_zeros((2, 4), dtype=torch.float64)
-    long = [dim for dim in (-2, -1) if band.shape[dim] > 2 * _BESIDE]
-    ranges, inner = [], []
-    for dim in long:
-        n = band.shape[dim] - 2 * _BESIDE
-        ranges.append((band.narrow(dim, 2 * _BESIDE, n) - band.narrow(dim, 0, n)).abs_())
-        inner.append(sizes[dim].narrow(dim, 1, band.shape[dim] - 3))  # steps between two others
-    if not long:
-        return counts
-    radii = _neighbouring_radii(
-        band, dict(zip(long, ranges, strict=True)), rows, _BESIDE, 2 * _BESIDE + 1
-    )
-    steps = _neighbouring_radii(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
+    radii = _runs(band, rows, slice(0, 2 * _BESIDE + 1, 2 * _BESIDE), 2 * _BESIDE + 1)
+    steps = _runs(band, rows, slice(1, 3), 4)
     for quantity, limit in enumerate((math.inf, infinity)):
         if limit is not None:
             before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
@@ -90,19 +76,18 @@ def averages(
     return counts
 
 
-def _may_average(sizes: list[Tensor]) -> bool:
-    """Whether enough pixels may be averages: those with a step within two px on either side.
-
-    `sizes`: as for `averages`.
-    """
-    number = 0
-    for dim, size in enumerate(sizes):
-        n = size.shape[dim] - 3
-        if n > 0:
-            there = exceeding(size, 0.0)
-            two = there.narrow(dim, 0, n + 2) | there.narrow(dim, 1, n + 2)
-            number += int((two.narrow(dim, 0, n) & two.narrow(dim, 2, n)).sum())
-    return number > _MINIMUM
+def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tensor:
+    """The radii [m, width] around pixels of rows, along both axes, whose two ends differ enough."""
+    every, before = [band.new_zeros((0, width))], (width - 1) // 2
+    for dim in (-2, -1):
+        if band.shape[dim] >= width:
+            shift = before if dim == -2 else 0
+            runs = band.unfold(dim, width, 1)[max(rows[0] - shift, 0) : max(rows[1] - shift, 0)]
+            first, last = runs[..., ends].unbind(-1)
+            index = flat_nonzero(exceeding((last - first).abs_(), _MATTERS))
+            row = index.div(max(runs.shape[1], 1), rounding_mode="floor")
+            every.append(runs[row, index - row * runs.shape[1]])
+    return torch.cat(every)
 
 
 def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) -> float | None:
@@ -337,15 +322,10 @@ def _evidence(
     softest, averaged = limits.new_zeros(()), limits.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if steepest > MINIMUM:
-        if launches_cost(r.device) or any(
-            are_steeper(step, dim, MINIMUM) for dim, step in enumerate(steps)
-        ):
-            slope = steepness(around)
-            softest = softness(slope)[within].amax()
-            ramps = (slope[within] > STEEP).sum()
-        # a band that is the whole frame has all of its averages
-        if len(sizes[1]) < len(signed_radius) or launches_cost(r.device) or _may_average(sizes):
-            averaged = averages(around, sizes, band, infinity)
+        slope = steepness(around)
+        softest = softness(slope)[within].amax()
+        ramps = (slope[within] > STEEP).sum()
+        averaged = averages(around, band, infinity)
     scatter = scatter_counts(steps, band, steepest)
     counts = steps_of([size[within] for size in sizes], steepest)
     return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)

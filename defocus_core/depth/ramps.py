@@ -262,18 +262,6 @@ def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None 
     return count
 
 
-def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
-    """Whether `steepness` along an axis exceeds a positive slope anywhere, from the axis' steps."""
-    n = steps.shape[dim] - 1
-    if n < 1:
-        return False
-    first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
-    if float((first * second).amax()) <= slope * slope:  # so one of each two is not steeper
-        return False
-    up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
-    return float(torch.maximum(up, -down)) > slope
-
-
 def steepness(signed_radius: Tensor) -> Tensor:
     """The slope of ramps at pixels [H, W] in px per px; 0 where there is no ramp.
 
