@@ -8,8 +8,7 @@ They count in pairs from both sides of the pixel, so that slopes stay.
 
 Terraces: an 8-bit depth map shows a slope in steps. No surface ends where the radius steps by up to
 a pixel, but a step of nearly a pixel would leave a gap as wide, and the far background would show
-through it as a thin line. Pixels beside such steps get the mean radius of the pixels around them,
-as far as one surface goes.
+through it as a thin line. Each pixel gets the mean of those around it in the same way.
 """
 
 from __future__ import annotations
@@ -24,10 +23,8 @@ from torch.nn.functional import pad
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
-    extreme_around,
     flat_nonzero,
     masked_values,
-    steps_beside,
     tally,
 )
 from defocus_core.tensors.ties import off_round
@@ -148,13 +145,11 @@ def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
 # bounds on the number of different radii.
 _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
-# Least and greatest step in px between terraces, and the greatest slope of a terrace beside a step,
-# as a share of the step.
-_LEAST, _MOST, _FLAT = off_round(0.2), off_round(1.0), off_round(0.1)
-# Px over which a step is spread to each side.
-_WIDE = 4
-# Px around a pixel that decide what it becomes.
-AROUND_TERRACES = 2 * _WIDE + 2
+# Least and greatest step in px between terraces.
+_LEAST, _MOST = off_round(0.2), off_round(1.0)
+# Rounds in which a step is spread; px around a pixel that decide what it becomes.
+_ROUNDS = 4
+AROUND_TERRACES = _NEAR * _ROUNDS
 
 
 def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
@@ -203,42 +198,7 @@ def _levels(rows: Tensor) -> Tensor:
 
 def without_terraces(signed_radius: Tensor) -> Tensor:
     """Radii [H, W] px with slopes in the place of small steps."""
-    r = signed_radius.detach()
-    steps = _at_a_step(r, -1) | _at_a_step(r, -2)
-    if not bool(steps.any()):
-        return signed_radius
-    beside = extreme_around(steps, _WIDE - 1, torch.maximum)
-    down, across = _spread(signed_radius, beside, 0), _spread(signed_radius, beside, 1)
-    return (_spread(down, beside, 1) + _spread(across, beside, 0)) / 2  # no axis is the first
-
-
-def _spread(radii: Tensor, beside: Tensor, dim: int) -> Tensor:
-    """Radii [H, W] px whose pixels beside steps, [H, W] bool, become means along an axis.
-
-    A mean reaches as far to both sides as the surface goes on: a slope stays as it is.
-    """
-    # of one surface, each pixel and the next
-    within = radii.detach().diff(dim=dim).abs_() <= _MOST
-    goes_on, total = torch.ones_like(beside), radii.clone()
-    count = torch.ones_like(beside, dtype=torch.int8)
-    for distance in range(1, _WIDE + 1):
-        inner = radii.shape[dim] - 2 * distance
-        if inner < 1:
-            break
-        goes_on = goes_on.narrow(dim, 1, inner) & within.narrow(dim, 0, inner)
-        goes_on &= within.narrow(dim, 2 * distance - 1, inner)
-        pair = radii.narrow(dim, 0, inner) + radii.narrow(dim, 2 * distance, inner)
-        total.narrow(dim, distance, inner).add_(torch.where(goes_on, pair, 0.0))
-        count.narrow(dim, distance, inner).add_(goes_on, alpha=2)
-    return torch.where(beside, total / count, radii)
-
-
-def _at_a_step(r: Tensor, dim: int) -> Tensor:
-    """Whether pixels [H, W] are beside a small step between terraces along an axis."""
-    beside = torch.zeros_like(r, dtype=torch.bool)
-    before, step, after = steps_beside(r, dim)
-    small = (step > _LEAST) & (step <= _MOST) & (torch.maximum(before, after) < _FLAT * step)
-    if n := small.shape[dim]:
-        for first in (1, 2):
-            beside.narrow(dim, first, n).logical_or_(small)
-    return beside
+    radii, maximum = signed_radius, torch.full_like(signed_radius, _MOST)
+    for _ in range(_ROUNDS):
+        radii, _ = _smoothed(radii, maximum)
+    return radii
