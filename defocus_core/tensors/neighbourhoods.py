@@ -1,8 +1,4 @@
-"""Pixels of a picture: the few in a mask, listed, and the neighbours of each.
-
-On a CPU torch compares and finds nonzero values one by one, but converts and adds many at once.
-This makes lists of few pixels faster than torch.nonzero does.
-"""
+"""Pixels of a picture: the few in a mask, listed, and the neighbours of each."""
 
 from __future__ import annotations
 
@@ -94,29 +90,14 @@ def halfway(near: Tensor, far: Tensor) -> Tensor:
     return near + (far - near) * _HALFWAY
 
 
-# Number of pixels that are read as one word, and least number in a mask that is read so.
-_WORD, _MANY = 8, 1 << 13
-
-
 def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
-    """Where values [...] exceed a bound: bool. Values must be finite if the bound is not."""
-    if launches_cost(values.device):
-        return values.detach() > bound
-    return (values.detach() - bound).clamp_(min=0).bool()
+    """Where values [...] exceed a bound: bool."""
+    return values.detach() > bound
 
 
 def flat_nonzero(mask: Tensor) -> Tensor:
-    """Flat indices [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
-    flat = mask.flatten()
-    end = flat.numel() // _WORD * _WORD
-    if end < _MANY or flat.storage_offset() % _WORD or launches_cost(flat.device):
-        return torch.nonzero(flat)[:, 0]
-    words = torch.nonzero(flat[:end].view(torch.int64))[:, 0]
-    word, pixel = torch.nonzero(flat[:end].view(-1, _WORD).index_select(0, words)).unbind(1)
-    numbers = words.index_select(0, word).mul_(_WORD).add_(pixel)
-    if end == flat.numel():
-        return numbers
-    return torch.cat([numbers, torch.nonzero(flat[end:])[:, 0] + end])
+    """Flat indices [n], ascending, of the pixels in a mask [...] bool."""
+    return torch.nonzero(mask.flatten())[:, 0]
 
 
 def masked_values(values: Tensor, mask: Tensor) -> Tensor:

@@ -241,16 +241,13 @@ class TransformWindow:
         missing = [
             slice_index for slice_index, slope in slopes.items() if slope not in cached[slice_index]
         ]
-        at_once = launches_cost(self.like.device)
-        for slice_indices in (
-            [missing] if missing and at_once else [[slice_index] for slice_index in missing]
-        ):
-            versions = torch.stack(self._kernels(slice_indices, leaning=True), 1)
-            leans = sent([slopes[slice_index] for slice_index in slice_indices], versions)
+        if missing:
+            versions = torch.stack(self._kernels(missing, leaning=True), 1)
+            leans = sent([slopes[slice_index] for slice_index in missing], versions)
             x, y = leans.T.view(2, -1, *[1] * (versions.dim() - 2))
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
             spectra = kernel_spectra(tilted, size).unsqueeze(2)
-            for slice_index, spectrum in zip(slice_indices, spectra.unbind(), strict=True):
+            for slice_index, spectrum in zip(missing, spectra.unbind(), strict=True):
                 if len(cached[slice_index]) >= _PLANES:
                     cached[slice_index].clear()
                 cached[slice_index][slopes[slice_index]] = spectrum

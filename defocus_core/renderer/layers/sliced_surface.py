@@ -7,7 +7,7 @@ even if its own pixels do. Beyond the frame, what is on its edge goes on.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -24,7 +24,6 @@ from defocus_core.renderer.layers.slice_radii import (
 )
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
-from defocus_core.tensors.device_plan import launches_cost, pieces
 from defocus_core.tensors.neighbourhoods import flat_nonzero
 from defocus_core.tensors.pyramid import Axis, averaged
 
@@ -101,57 +100,30 @@ def blocks_of(
     which pixels exist; None if all do; `sharp`: the slice in focus, on which shares have no
     gradient; None if there is none.
     """
-    if present is not None:
-        at = torch.nonzero(present)
-        size = positions.shape[-2], positions.shape[-1]
-        return blocks_at(positions[at.unbind(1)], at, slices, size, sharp)
+    height, width = positions.shape
+    rows, columns = -(-height // BLOCK), -(-width // BLOCK)
+    row, column = (
+        torch.arange(n, device=positions.device).div(BLOCK, rounding_mode="floor")
+        for n in (height, width)
+    )
+    number = row[:, None] * columns + column
     learn, positions = positions.requires_grad, positions.detach()
-
-    def slices_beside(place: Tensor) -> tuple[Tensor, Tensor]:
-        return _slices_beside(place, slices, sharp, learn=learn)
-
-    extremes = block_ranges(positions)
-    occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
-    least, greatest = map(slices_beside, extremes)
-    for slice_index in (*least, *greatest):
-        occupied.scatter_(-1, slice_index[..., None], True)
-    # which slices between the least and the greatest have a pixel?
-    several = torch.nonzero(greatest[0] - least[-1] > 1)
-    if len(several):
-        mixed = _in_blocks(positions).transpose(-3, -2)[several.unbind(1)].flatten(1)
-        slices_held = torch.zeros((len(several), slices), dtype=torch.bool, device=positions.device)
-        for slice_index in slices_beside(mixed):
-            slices_held.scatter_(1, slice_index, True)
-        occupied[several.unbind(1)] = slices_held
-    return occupied.permute(2, 0, 1)
+    if present is not None:
+        index = flat_nonzero(present)
+        positions, number = (x.flatten().index_select(0, index) for x in (positions, number))
+    occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=positions.device)
+    for slice_index in _slices_beside(positions, slices, sharp, learn=learn):
+        occupied.index_fill_(0, (slice_index * (rows * columns) + number).flatten(), True)
+    return occupied.view(slices, rows, columns)
 
 
 def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
     """The least and the greatest value of each block of [..., H, W]."""
-    blocks = _in_blocks(values)
-    return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
-
-
-def _in_blocks(values: Tensor) -> Tensor:
-    """Values [..., H, W] as [..., rows, 16, columns, 16]; past the border the last one repeats."""
     rest = (0, -values.shape[-1] % BLOCK, 0, -values.shape[-2] % BLOCK)
     padded = pad(values.reshape(-1, *values.shape[-2:]), rest, mode="replicate")
-    padded = padded.view(*values.shape[:-2], *padded.shape[-2:])
-    return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
-
-
-def blocks_at(
-    positions: Tensor, at: Tensor, slices: int, size: tuple[int, int], sharp: int | None = None
-) -> Tensor:
-    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2]."""
-    rows, columns = (-(-n // BLOCK) for n in size)
-    occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=positions.device)
-    row, column = (x.div(BLOCK, rounding_mode="floor") for x in at.unbind(1))
-    number = row * columns + column
-    beside = _slices_beside(positions.detach(), slices, sharp, learn=positions.requires_grad)
-    for slice_index in beside:
-        occupied.index_fill_(0, slice_index * (rows * columns) + number, True)
-    return occupied.view(slices, rows, columns)
+    blocks = padded.unfold(-2, BLOCK, BLOCK).unfold(-2, BLOCK, BLOCK).flatten(-2)
+    blocks = blocks.view(*values.shape[:-2], *blocks.shape[-3:])
+    return blocks.amin(-1), blocks.amax(-1)
 
 
 def _slices_beside(
@@ -325,11 +297,6 @@ class Planes:
         return [(x, y) if one else None for one, (x, y) in zip(same.tolist(), middle, strict=True)]
 
 
-# Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
-# cache of a CPU. Bytes that a sample takes elsewhere.
-_BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
-
-
 class SurfaceSamples(NamedTuple):
     """The layers of a surface that are blurred together, with what part of the lens sees of it."""
 
@@ -384,7 +351,7 @@ class SlicedSurface:
         count = len(reaches)
         sharp = reaches.index(0) if 0 in reaches else None
         self._samples = [
-            self._with_frame(layer, _positions(layer, radii), count, sharp)
+            self._with_frame(layer, slice_position(layer.signed_radius, radii), count, sharp)
             for layer in samples.layers
         ]
         self._positions, self._shifts = self._samples[0].positions, samples.shifts
@@ -501,10 +468,9 @@ class SlicedSurface:
             self._planes.slopes(slice_indices, box) if self._planes else [None] * len(slice_indices)
         )
 
-    def bounds(self, slice_indices: list[int], within: Box | None = None) -> Box:
-        """The rectangle within another one of blocks that hold samples of the given slices."""
-        box = _bounds(self._blocks[slice_indices], self._own.grown(0, within or self._own))
-        return box or Box(0, 0, 0, 0)
+    def bounds(self, slice_indices: list[int]) -> Box:
+        """The rectangle of blocks that hold samples of the given slices."""
+        return _bounds(self._blocks[slice_indices], self._own) or Box(0, 0, 0, 0)
 
     def averaged(
         self,
@@ -519,46 +485,22 @@ class SlicedSurface:
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].light
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
-        for band in self._bands(slice_index, 1 << level, middle):
-            pixels = self.members(range(slice_index, slice_index + 1), band)[:, 0][None]
-            if tilted and self._slopes is not None:
-                slopes = self._unframed(band, self._slopes)
-                pixels = torch.cat([pixels, pixels * slopes[:, None]])
-            down, across = (
-                Axis(axis.middle - start, axis.odd)
-                for axis, start in zip(middle, band[:2], strict=True)
-            )
-            pixels, (down, across) = averaged(pixels, level, (down, across))
-            mean_box = Box(-down.middle, -across.middle, *pixels.shape[-2:])
-            overlap = mean_box.grown(0, coarse)
-            if overlap.height > 0 and overlap.width > 0:
-                overlap.seen_from(coarse).crop(result).add_(
-                    overlap.seen_from(mean_box).crop(pixels)
-                )
+        bounds = self.bounds([slice_index])
+        if not bounds.width:
+            return result
+        box = _aligned(bounds, 1 << level, middle).grown(0, self._own)
+        pixels = self.members(range(slice_index, slice_index + 1), box)[:, 0][None]
+        if tilted and self._slopes is not None:
+            pixels = torch.cat([pixels, pixels * self._unframed(box, self._slopes)[:, None]])
+        down, across = (
+            Axis(axis.middle - start, axis.odd) for axis, start in zip(middle, box[:2], strict=True)
+        )
+        pixels, (down, across) = averaged(pixels, level, (down, across))
+        mean_box = Box(-down.middle, -across.middle, *pixels.shape[-2:])
+        overlap = mean_box.grown(0, coarse)
+        if overlap.height > 0 and overlap.width > 0:
+            overlap.seen_from(coarse).crop(result).add_(overlap.seen_from(mean_box).crop(pixels))
         return result
-
-    def _bands(self, slice_index: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
-        """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
-        bounds, width = self.bounds([slice_index]), self._own.width
-        area = pieces(self._positions.device, _BYTES_EACH, _AREA)
-        rows = max(step, area // max(bounds.width, 1) // _BAND * _BAND, _BAND)
-        whole = _aligned(bounds, rows, middle)
-        for top in range(whole.top, whole.top + whole.height, rows):
-            band = Box(top, 0, rows, width).grown(0, self._own)
-            extent = self.bounds([slice_index], band)
-            if extent.width:
-                aligned = _aligned(extent._replace(top=band.top, height=0), step, middle)
-                yield band._replace(left=aligned.left, width=aligned.width).grown(0, self._own)
-
-
-def _positions(layer: SampleLayer, radii: tuple[float, ...]) -> Tensor:
-    """The positions [..., H, W] of a layer between slice radii, looked up where it has samples."""
-    radius = layer.signed_radius
-    if not layer.sparse or launches_cost(radius.device):
-        return slice_position(radius, radii)
-    index = flat_nonzero(layer.covered.detach() > 0)
-    positions = slice_position(radius.flatten().index_select(0, index), radii)
-    return torch.zeros_like(radius).flatten().index_copy(0, index, positions).view_as(radius)
 
 
 def _bounds(blocks: Tensor, box: Box) -> Box | None:
