@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -100,34 +99,30 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
     """Number of pixels; bytes per pixel of arrays, and of files decoded at once; channels."""
-
-    def pixel_bytes(path: Path) -> tuple[int, float, float, int]:
-        info = describe(path)
-        parts = info.parts
-        if not is_exr(read_head(path)):  # one of several pages is read
-            parts = (max(parts, key=lambda part: len(part.channels)),)
-        kinds = [channel.type for part in parts for channel in part.channels]
-        native: float = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
+    pixels, count, arrays, whole = 0, 0, 0.0, 0.0
+    for path in dict.fromkeys((picture.depth, picture.color)):
+        try:
+            info = describe(path)
+        except InputError:  # the decoder reports the problem, or the file has no header
+            continue
+        is_part = is_exr(read_head(path))
+        # of several pages one is read
+        parts = info.parts if is_part else (max(info.parts, key=lambda part: len(part.channels)),)
+        channels = [channel for part in parts for channel in part.channels]
+        native: float = sum(SAMPLE_BYTES.get(channel.type, 8) for channel in channels)
         if any(part.deep for part in parts):
             # the picture in focus in floats; of each layer its channels, metres and radius; and
             # samples as they are decoded and sorted: their channels twice, place, order and rank
             layers, samples = _layers_of(path)
-            held = samples / info.pixels * _FLOAT * (2 * len(kinds) + 6)
-            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT) + held
-        names = [channel.name for part in parts for channel in part.channels]
-        light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
-        whole = 0.0 if is_exr(read_head(path)) else native
-        return info.pixels, native, whole, min(len(kinds), 4) + light
-
-    try:
-        pixels, native, color_whole, count = pixel_bytes(picture.color)
-        depth_whole = 0.0
-        with suppress(InputError):  # a file without a header has no size to report
-            _, _, depth_whole, _ = pixel_bytes(picture.depth)
-        arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
-    except InputError:  # the decoder reports the problem
-        return 0, 0.0, 0.0, 0
-    return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
+            held = samples / info.pixels * _FLOAT * (2 * len(channels) + 6)
+            native = _FLOAT * len(channels) + layers * (native + 2 * _FLOAT) + held
+        if not is_part:
+            whole = max(whole, native)
+        if path == picture.color:
+            light = sum(any(fnmatchcase(c.name, each) for each in passes) for c in channels)
+            pixels, count = info.pixels, min(len(channels), 4) + light
+            arrays = (native if is_part else _FLOAT * count) + _FLOAT
+    return pixels, arrays, whole if pixels else 0.0, count
 
 
 def _layers_of(path: Path) -> tuple[int, int]:
