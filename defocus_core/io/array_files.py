@@ -220,14 +220,14 @@ def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
         for member in (name for name in archive.namelist() if name.endswith(".npy")):
             with archive.open(member) as stored:
                 shape, dtype = _npy_header(stored)
-            load = partial(_npz_array, path, member, shape, dtype.itemsize)
+            load = partial(_npz_array, path, member, shape, dtype)
             yield member.removesuffix(".npy"), ArrayEntry(shape, dtype.name, load)
 
 
 def _npz_array(
-    path: Path, member: str, shape: tuple[int, ...], itemsize: int, index: int | None
+    path: Path, member: str, shape: tuple[int, ...], dtype: np.dtype[Any], index: int | None
 ) -> NDArray[Any]:
-    checked(path, shape, itemsize)
+    checked(path, shape, dtype.itemsize)
     with decoding(path), zipfile.ZipFile(path) as archive, archive.open(member) as file:
         values: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
     return values if index is None else values[index]
@@ -243,7 +243,12 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     def load(name: str, index: int | None) -> NDArray[Any]:
         with decoding(path), h5py.File(path, "r") as file:
             dataset = file[name]
-            _require_own(path, dataset)
+            if dataset.is_virtual or dataset.external:
+                problem = f"has {name} in other files, which are not followed"
+                raise InputError("unsupported", problem, "copy the numbers into it", path=path)
+            if not dataset.id.get_storage_size():
+                problem = f"has numbers of {name} that were never written"
+                raise InputError("damaged", problem, AGAIN, path=path)
             shape = dataset.shape if index is None else dataset.shape[1:]
             checked(path, shape, dataset.dtype.itemsize)
             values: NDArray[Any] = dataset[()] if index is None else dataset[index]
@@ -258,16 +263,6 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     with h5py.File(path, "r") as file:
         file.visititems(visit)
     yield from entries
-
-
-def _require_own(path: Path, dataset: Any) -> None:
-    """Refuse numbers of HDF5 that lie in other files, or of which none was ever written."""
-    if dataset.is_virtual or dataset.external:
-        problem = f"has {dataset.name} in other files, which are not followed"
-        raise InputError("unsupported", problem, "copy the numbers into it", path=path)
-    if not dataset.id.get_storage_size():
-        problem = f"has numbers of {dataset.name} that were never written"
-        raise InputError("damaged", problem, AGAIN, path=path)
 
 
 _READERS: dict[str, Callable[[Path], Iterator[tuple[str, ArrayEntry]]]] = {

@@ -19,7 +19,11 @@ _HOLLOW, _FILLED = 2**30, 64  # of a file of more bytes one of so many must be o
 
 def path_fault(name: object) -> str | None:
     """What is wrong with a name below a folder, as ``leads upwards``; None if nothing is."""
-    if not isinstance(name, str) or not name or "\0" in name or not _is_encodable(name):
+    try:
+        is_name = isinstance(name, str) and bool(os.fsencode(name)) and "\0" not in name
+    except UnicodeEncodeError:
+        is_name = False
+    if not isinstance(name, str) or not is_name:
         return "is not a name of a file"
     if name.startswith("/"):
         return "is an absolute path"
@@ -27,12 +31,6 @@ def path_fault(name: object) -> str | None:
     if ".." in parts:
         return "leads upwards"
     return "has an empty part" if "" in parts or "." in parts else None
-
-
-def _is_encodable(name: str) -> bool:
-    with suppress(UnicodeEncodeError):
-        return bool(os.fsencode(name))
-    return False
 
 
 def open_plain(path: Path) -> BinaryIO:

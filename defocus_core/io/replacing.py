@@ -44,12 +44,8 @@ def require_replaceable(
 ) -> None:
     """Refuse to write where something is that must stay.
 
-    Args:
-        path: The file to write.
-        kind: html, junit, markdown, `CONTACT`, `DIFFERENCE` or `GOLDEN`: an empty file, or one of
-            ours of that kind, may go.
-        overwrite: Whether the user says that the file may go, whatever it is.
-        inputs: The `identities` of the files that are read, none of which may go.
+    `kind`: of `_BEGINNINGS`, of which a file of ours, or an empty one, may go; `overwrite`: any may
+    go, but `inputs`, the `identities` of the files that are read.
     """
     if inputs and not inputs.isdisjoint(identities([path])):
         raise replaces_input(path)

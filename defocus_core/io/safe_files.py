@@ -157,10 +157,7 @@ def missing(path: Path, what: str = "file") -> InputError:
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
-    """Refuse the size that a header claims, in px, before anything of that size is allocated.
-
-    `pixel_bytes`: bytes of one decoded pixel, all channels.
-    """
+    """Refuse a size that a header claims, in px of so many bytes, before that is allocated."""
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
         raise InputError("damaged", f"is damaged: {claim}", AGAIN, path=path)
@@ -245,8 +242,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
     Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
-    is untouched. What a process left of it that was killed is removed, too; of files that are
-    `written_together` whoever writes them removes it.
+    is untouched. What a killed process left of it is removed, too, but of `written_together`.
     """
     together = _together.get()
     sibling = _sibling(path, root)
@@ -337,11 +333,7 @@ def needs_extra(path: Path, kind: str, library: str, extra: str) -> InputError:
 
 @contextmanager
 def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[Any]:
-    """OpenImageIO's input of a file, which gives samples as they are: alpha is not multiplied in.
-
-    Its own limits are lifted, since `check_size` looks at the size that a header claims; what it
-    does not open is refused for the reason that it gives.
-    """
+    """OpenImageIO's input of a file, without its limits, of samples as they are in the file."""
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 

@@ -6,13 +6,11 @@ A megabyte is a million bytes, as in sizes on the command line.
 from __future__ import annotations
 
 import gc
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
 
 MB = 10**6
 _KIB = 2**10
@@ -107,15 +105,7 @@ def share_heap() -> None:
 
 
 def _glibc(name: str, *numbers: int) -> None:
-    with suppress(OSError, AttributeError):  # another C library has no such function
-        getattr(_library(), name)(*numbers)
-
-
-@cache
-def _library() -> Any:
-    """The C library of this process on Linux, else None."""
-    if not sys.platform.startswith("linux"):
-        return None
     import ctypes
 
-    return ctypes.CDLL(None)
+    with suppress(OSError, TypeError, AttributeError):  # another C library has no such function
+        getattr(ctypes.CDLL(None), name)(*numbers)

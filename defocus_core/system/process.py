@@ -86,7 +86,9 @@ def spread(
 
     context = multiprocessing.get_context("spawn")
     workers = min(processes, -(-len(pieces) // _AT_ONCE))
-    with ProcessPoolExecutor(workers, context, initializer=_begin) as pool:
+    # Ctrl-C is left to this process
+    ignoring = signal.SIGINT, signal.SIG_IGN
+    with ProcessPoolExecutor(workers, context, signal.signal, ignoring) as pool:
         try:
             yield from pool.map(work, pieces, chunksize=_AT_ONCE)
         except BrokenProcessPool:
@@ -95,13 +97,6 @@ def spread(
             raise InputError("worker-died", problem, remedy, path=subject) from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _begin() -> None:
-    """Leave Ctrl-C to the process that started this one."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]

@@ -29,12 +29,10 @@ from defocus_core.system.text import counted
 def fill_from_farther(
     metres: Any, valid: NDArray[np.bool_], farther: np.ufunc = np.maximum
 ) -> None:
-    """Give invalid pixels, which are not all, the farther of those next to them in their row.
+    """Give invalid pixels [H, W], not all, the farther of those next to them in their row.
 
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
-
-    `metres`: [H, W]; `valid`: the same, where there is a depth.
     """
     empty = ~valid.any(axis=1)
     some = np.flatnonzero(~valid.all(axis=1))

@@ -68,8 +68,7 @@ def choose_color(
 def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
 ) -> ChannelGroup:
-    searched = _searched(path, headers, part)
-    layers = [each for header in searched for each in _color_layers(header)]
+    layers = [each for header in _searched(path, headers, part) for each in _color_layers(header)]
     if layer is not None:
         return by_name(path, layers, layer, "colour layer", "‹color-layer›")
     candidates = [each for each in layers if "R" in each.channels] or layers
@@ -81,14 +80,19 @@ def _chosen_color(
         if len(known) == 1:
             return known[0]
     if not candidates:
-        problem = f"has no colour channels (R, G, B or Y), only {in_words(labels(_each(searched)))}"
+        every = in_words(labels(channels_of(path, headers, part)))
+        problem = f"has no colour channels (R, G, B or Y), only {every}"
         raise InputError("no-color", problem, "name a file that has them", path=path)
     return only(path, candidates, "colour layer", "‹color-layer›")
 
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
     """All channels of a file, or of one of its parts, in the order of the file."""
-    return _each(_searched(path, headers, part))
+    return [
+        ChannelGroup(header, channel.plain, {channel.plain: channel.name})
+        for header in _searched(path, headers, part)
+        for channel in header.channels
+    ]
 
 
 def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
@@ -145,14 +149,6 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
         channels = {c: bases[c] for c in wanted if c in bases}
         name = prefix or "".join(channels).removesuffix("A")
         yield ChannelGroup(header, name, channels, default=not prefix)
-
-
-def _each(headers: Iterable[Header]) -> list[ChannelGroup]:
-    return [
-        ChannelGroup(header, channel.plain, {channel.plain: channel.name})
-        for header in headers
-        for channel in header.channels
-    ]
 
 
 def by_name(

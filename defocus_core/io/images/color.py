@@ -149,11 +149,12 @@ def read_color(
     extras, left_out = _extras(parts, chosen) if carried else ({}, ())
     passes = light_passes(path, extras, blur_channels)
     planes += [extras.pop(name) for name in passes]
+    is_half = all(plane.dtype == np.float16 for plane in planes)
     attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
     if chosen.header.shown:
         attributes["view"] = Raw("string", chosen.header.shown.encode())
     return Color(
-        planes=_one_type(planes),
+        planes=tuple(np.stack(planes, dtype="f2" if is_half else "f4", casting="unsafe")),
         channels=channels,
         path=path,
         passes=passes,
@@ -292,12 +293,6 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
         "its thumbnail, which is sharp, left out": _THUMBNAIL in header.attributes,
     }
     return ", ".join(text for text, is_said in words.items() if is_said)
-
-
-def _one_type(planes: Sequence[Any]) -> tuple[Any, ...]:
-    """Channels of one type, in one block of memory: half if all are half, else float32."""
-    is_half = all(plane.dtype == np.float16 for plane in planes)
-    return tuple(np.stack(planes, dtype="f2" if is_half else "f4", casting="unsafe"))
 
 
 def _extras(

@@ -185,11 +185,8 @@ def write_samples(path: Path, samples: NDArray[Any], codec: str, attributes: Att
 def encode(
     path: Path, file: BinaryIO, samples: NDArray[Any], codec: str, attributes: Attributes
 ) -> None:
-    """Encode samples into a new file, and read them back; ``path`` stands in errors.
-
-    The encoder of PNG says nothing of a full disk, that of JPEG ends the process, and that of WEBP
-    never ends: a file that there is no room for is refused before.
-    """
+    """Encode samples into a new file, and read them back; ``path`` stands in errors."""
+    # of a full disk PNG says nothing, JPEG ends the process, and WEBP never ends
     spec = _spec(samples, codec, attributes)
     _require_room(file, 2 * spec.image_bytes() + _OTHER_BYTES)
     name = f"/dev/fd/{file.fileno()}"  # which no link leads elsewhere
