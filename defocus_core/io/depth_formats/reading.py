@@ -18,7 +18,7 @@ from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 KINDS = ("depth", "disparity")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
-ALICEVISION = "AliceVision:"  # begins the names of attributes
+ALICEVISION, OF_NUKE = "AliceVision:", "nuke/"  # begin the names of attributes
 _XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 
 
@@ -197,7 +197,7 @@ class DepthNumbers:
     @property
     def is_of_nuke(self) -> bool:
         """Whether the header says that Nuke wrote it."""
-        return any(name.startswith("nuke/") for name in self.metadata)
+        return any(name.startswith(OF_NUKE) for name in self.metadata)
 
     @property
     def is_half(self) -> bool:
