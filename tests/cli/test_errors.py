@@ -157,7 +157,7 @@ merge link → 3 empty link: …
 bench --truth link → 3 empty link: holds no <scene>/camera.json with shots; name one of scenes
 R --lens '' → 2 empty --lens: is empty; give a path
 render rgb.exr rgb.exr -o out LENS → \
-3 no-depth rgb.exr: has no depth channel, only B, G, R; if one of them is the depth, say \
+3 no-depth rgb.exr: has no depth channel, only R, G, B; if one of them is the depth, say \
 --depth-channel NAME
 render deep.exr z.exr -o out LENS → \
 3 no-color deep.exr: has no colour channels (R, G, B or Y), only Z; name a file that has them
@@ -314,7 +314,7 @@ UNUSABLE = {
     "rgb05.exr": "damaged damaged",
     "rgb90.exr": "damaged damaged",
     "z90.exr": "- damaged",
-    "c05.png": "unreadable unreadable",
+    "c05.png": "damaged damaged",
     "c90.png": "damaged -",
 }
 

@@ -40,7 +40,7 @@ def exr_depth_numbers(
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file; `size`: (width, height) of its colour."""
     headers = in_view(path, read_headers(path), reading.view)
-    chosen, grey, lacks = _chosen(path, headers, reading)
+    chosen = choose_depth_channel(path, headers, reading)
     header = chosen.header
     require_size(path, reading, (header.display.height, header.display.width), size)
     names = {channel.plain: channel.name for channel in header.channels}
@@ -48,13 +48,14 @@ def exr_depth_numbers(
     alpha = next((names[name] for name in beside if name in names), None)
 
     def wanted(other: Header, name: str) -> bool:
-        return other.index == header.index and name in (chosen.source, alpha, *grey)
+        return other.index == header.index and name in (alpha, *chosen.channels.values())
 
     parts = read_parts(path, headers, wanted, overscan)
-    pixels = parts[header.index].channels[chosen.source]
-    others = [parts[header.index].channels[name] for name in grey]
-    if lacks and not all(np.array_equal(pixels, one) for one in others):
-        raise lacks
+    pixels, *others = (parts[header.index].channels[n] for n in chosen.channels.values())
+    if not all(np.array_equal(pixels, one) for one in others):
+        problem = f"has no depth channel, only {in_words([*chosen.channels])}"
+        remedy = "if one of them is the depth, say ‹depth-channel› NAME"
+        raise NoDepthChannel("no-depth", problem, remedy, path=path)
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
     view = f" in view {header.shown}" if header.shown else ""
@@ -79,23 +80,13 @@ def exr_depth_numbers(
     )
 
 
-def _chosen(
-    path: Path, headers: Sequence[Header], reading: DepthReading
-) -> tuple[ChannelGroup, list[str], NoDepthChannel | None]:
-    """The depth channel; those that must equal it, of R, G and B alone, and what is said else."""
-    try:
-        return choose_depth_channel(path, headers, reading), [], None
-    except NoDepthChannel as error:
-        every = {each.name: each for each in channels_of(path, headers, reading.part)}
-        if not set("RGB") <= set(every) <= set("RGBA"):
-            raise
-        return every["R"], [every["G"].source, every["B"].source], error
-
-
 def choose_depth_channel(
     path: Path, headers: Sequence[Header], reading: DepthReading
 ) -> ChannelGroup:
-    """The depth channel of a file: the one named, that of the format, or one of the usual names."""
+    """The depth channel of a file: the one named, that of the format, or one of the usual names.
+
+    Of R, G and B alone it is R, which the others must equal.
+    """
     channel = reading.depth_channel
     every = channels_of(path, headers, reading.part)
     if channel is not None:
@@ -120,6 +111,9 @@ def choose_depth_channel(
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
         in_depth_part = [c for c in candidates if last_word(c.header.name).lower() == "depth"]
         candidates = in_depth_part if len(in_depth_part) == 1 else candidates
+    colors = {each.name: each.source for each in every}
+    if not candidates and set("RGB") <= colors.keys() <= set("RGBA"):
+        return ChannelGroup(every[0].header, "R", {name: colors[name] for name in "RGB"})
     if not candidates:
         problem = f"has no depth channel, only {in_words(labels(every))}"
         likely = (
