@@ -48,11 +48,9 @@ class _Part(NamedTuple):
 
     data: Window
     tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
-    is_tiled: bool
     compression: int  # of the file format
     channels: tuple[Channel, ...]  # all, in the order of the file
     sample_bytes: int  # decoded, of a sample
-    number: int | None  # of the part, if there may be several
 
 
 @once
@@ -69,61 +67,48 @@ def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_C
     """A deep part whose samples are counted, to read."""
     try:
         with path.open("rb") as file:
-            part, start = _part(file, header)
-            chunks = _chunks(file, part, start)
+            part, chunks = _layout(file, header)
             _check_promise(path, part, chunks)
             yield file, part, chunks
     except (OSError, ValueError, KeyError, struct.error, zlib.error) as error:
         raise damaged(path, str(error)) from error
 
 
-def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
-    """The layout of a part, and where in the file its table of chunks begins."""
+def _layout(file: BinaryIO, header: Header) -> tuple[_Part, list[_Chunk]]:
+    """A part, and what the headers of its chunks promise, each of which lies where it says."""
     version, parts = raw_headers(file)
     start = file.tell()
     for before in parts[: header.index]:
         start += 8 * max(*struct.unpack("<i", before["chunkCount"].value), 0)
-    attributes = parts[header.index]
-    is_tiled = attributes["type"].value.startswith(b"deeptile")
-    tile = header.data.width, 1
+    attributes, data = parts[header.index], header.data
+    is_tiled, tile = attributes["type"].value.startswith(b"deeptile"), (data.width, 1)
     if is_tiled:
         tile = struct.unpack_from("<II", attributes["tiles"].value)
     compression = attributes["compression"].value[0]
     channels = tuple(channels_of(attributes["channels"].value))
     if compression not in _COMPRESSIONS:
         raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
-    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, header.data.width):
+    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, data.width):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
+    across, down = -(-data.width // tile[0]), -(-data.height // tile[1])
     sample_bytes = sum(np.dtype(DTYPES[channel.type]).itemsize for channel in channels)
-    number = header.index if version & MULTIPART else None
-    packing = (is_tiled, compression, channels, sample_bytes, number)
-    return _Part(header.data, tile, *packing), start
-
-
-def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
-    """What the headers of all chunks promise, row by row; each chunk must lie where it says."""
-    across, down = -(-part.data.width // part.tile[0]), -(-part.data.height // part.tile[1])
-    count, size = across * down, file.seek(0, 2)
-    if start + 8 * count > size:
+    size, own = file.seek(0, 2), [header.index] if version & MULTIPART else []
+    if start + 8 * across * down > size:
         raise ValueError("it ends early")
     file.seek(start)
-    offsets = struct.unpack(f"<{count}Q", file.read(8 * count))
-    own = "" if part.number is None else "i"
-    head = struct.Struct(f"<{own}{'4i' if part.is_tiled else 'i'}3Q")
-    listed = []
-    for number, offset in enumerate(offsets):
+    head = struct.Struct(f"<{'i' * len(own)}{'4i' if is_tiled else 'i'}3Q")
+    chunks = []
+    for number, (offset,) in enumerate(struct.iter_unpack("<Q", file.read(8 * across * down))):
         file.seek(min(offset, size))
         *place, table, packed, unpacked = head.unpack(file.read(head.size))
         row, column = divmod(number, across)
-        due = [column, row, 0, 0] if part.is_tiled else [part.data.y0 + row]
         at = offset + head.size
-        if place != [*([] if part.number is None else [part.number]), *due]:
+        if place != [*own, *([column, row, 0, 0] if is_tiled else [data.y0 + row])]:
             raise ValueError("a chunk is not where it should be")
         if at + table + packed > size:
             raise ValueError("it ends early")
-        y, x = row * part.tile[1], column * part.tile[0]
-        listed.append(_Chunk(y, x, at, table, packed, unpacked))
-    return listed
+        chunks.append(_Chunk(row * tile[1], column * tile[0], at, table, packed, unpacked))
+    return _Part(data, tile, compression, channels, sample_bytes), chunks
 
 
 def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:

@@ -129,10 +129,8 @@ def srgb_matrix(
 
 
 def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Parts of a level [h, W, 1] that are added to smooth pixels; less than a half.
-
-    They are spread evenly over any small square, by powers of the plastic number (Roberts 2018).
-    """
+    """Parts of a level [h, W, 1], less than a half, that are added to smooth pixels."""
+    # spread evenly over any small square, by powers of the plastic number (Roberts 2018)
     y, x = np.arange(rows.start, rows.start + len(smooth))[:, None], np.arange(smooth.shape[1])
     offsets = ((0.5698402909980532 * y + 0.7548776662466927 * x) % 1 - 0.5) * _HALF_LEVEL * 2
     return (offsets * smooth).astype(np.float32)[:, :, None]

@@ -157,6 +157,5 @@ def in_words(numbers: Iterable[int]) -> str:
     from fileseq.frameset import FrameSet
 
     every = sorted(numbers)
-    return (
-        f"{counted(len(every), 'frame')}, {FrameSet.framesToFrameRange(every).replace(',', ', ')}"
-    )
+    ranges = FrameSet.framesToFrameRange(every).replace(",", ", ")
+    return f"{counted(len(every), 'frame')}, {ranges}"
