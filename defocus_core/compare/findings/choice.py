@@ -8,7 +8,6 @@ difference.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -30,6 +29,7 @@ _HALF = 0.5**0.5  # greatest residual by that of a rival: half in squares
 _SIMPLER = 0.5  # the same by that of a simpler case
 _LEFT_OF_FEW = 0.06  # the same for a picture of few pixels
 _WEAK = 0.35  # residual above which a fit yields to one by looks, and to a rectangle
+_BESIDE_NOISE = 0.15  # the same beside noise, as far as it can be measured
 _ALL = 2e-3  # residual of a complete explanation: the first such cause is named
 
 
@@ -62,11 +62,14 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     if chosen is not None and chosen.left <= _WEAK:
         return chosen, ()
     # What neighbours have in common may have a cause, and the rest may be noise.
-    but_noise = [replace(f, left=f.but_noise) for f in fits if f.but_noise < math.inf]
-    slight = chosen is not None or evidence.is_slight
-    common = None if slight else _chosen(but_noise, evidence)[0]
+    but_noise = [
+        replace(fit, left=max(fit.but_noise, _BESIDE_NOISE), but_noise=fit.left) for fit in fits
+    ]
+    if chosen is None and evidence.is_slight:
+        return None, ()
+    common = None if chosen is not None else _chosen(but_noise, evidence)[0]
     if common is not None:
-        return replace(common, how=f"{common.how}, and noise"), ()
+        return replace(common, left=common.but_noise, how=f"{common.how}, and noise"), ()
     # Causes known by their looks have other measures.
     for fit in _fits(evidence, looks=True):
         if _is_enough(fit, evidence) and (not chosen or fit.left <= _SIMPLER * chosen.left):
@@ -88,7 +91,7 @@ def _chosen(
     good = [best[name] for name in LEFT if name in best and _is_enough(best[name], evidence)]
     for fit in good:  # the simpler ones first
         others = [each for each in best.values() if each is not fit]
-        general = [each for each in others if _is_beyond(each, fit)]
+        general = [each for each in good if each is not fit and _is_beyond(each, fit)]
         rivals = [e for e in others if not (_is_beyond(e, fit) or _is_beyond(fit, e))]
         if not any(e.left <= _SIMPLER * fit.left > _SIMPLER * _ALL for e in general) and all(
             fit.left <= max(_HALF * each.left, _ALL) for each in rivals

@@ -160,9 +160,9 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
     frame = _Frame(evidence)
     if min(frame.sides[0].shape) >= _LEAST and alike_by >= _OF_LIGHT * np.square(b - a).sum():
+        yield from _filtered_in_parts(frame)
         yield from _resized(frame)
         yield from _denoised(frame)
-        yield from _filtered_in_parts(frame)
 
 
 def _resized(frame: _Frame) -> Iterator[Explanation]:

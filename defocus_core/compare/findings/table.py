@@ -95,7 +95,7 @@ CAUSES = (
     ),
     Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.6),
     Cause("another CoC", _COC, "softness.softened", left=0.6),
-    Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.5),
+    Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.25),
     # Known by the looks of a difference.
     Cause(
         "compressed with losses",
