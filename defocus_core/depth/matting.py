@@ -59,7 +59,7 @@ _BYTES_EACH = 1 << 13
 
 
 class MixedPixels(NamedTuple):
-    """Pixels that hold parts of two surfaces, taken apart.
+    """Pixels with parts of two surfaces, split.
 
     Where the nearer one of two is the pixel's own, by its depth, its other surface shows through
     the share that it leaves. Where the farther one is, it is whole behind a part of the nearer one.
@@ -223,7 +223,7 @@ def _squares_on(
 ) -> Iterator[tuple[Tensor, _Squares]]:
     """Pixels [n, 2] of an edge [..., H, W] and the squares around them, piece by piece.
 
-    The nearer surface is what is nearer than halfway between both ends of the pixels beside.
+    The nearer surface has the pixels nearer than halfway between the extremes around.
     """
     positions = positions_of(edge)
     if not len(positions):
@@ -247,7 +247,7 @@ def _squares_on(
 
 
 def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
-    """Squares whose surfaces and coverage a matte [k, n] says, where they hold its silhouette."""
+    """Squares with surfaces and coverage of a matte [k, n] where they hold its silhouette."""
     subject, radii = matte >= SUBJECT, squares.radii.detach()
     own, rest = ((radii * mask).sum(0) / mask.sum(0).clamp(min=1) for mask in (subject, ~subject))
     at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > _STEP)
@@ -350,7 +350,7 @@ def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tens
 
 
 def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tensor:
-    """Coverages [n] by a pixel's own surface; 1 where it is hardly mixed."""
+    """Coverages [n] by a pixel's own surface; those near 1 become 1."""
     apart = (own.mean - other.mean).square()
     limit = _WITHIN / (apart / own.variance).sum(0).clamp(min=(_WITHIN / _WHOLE) ** 2).sqrt()
     limit = torch.where(is_near & (own.signed_radius.detach().abs() <= _SHARP), 1.0, limit)

@@ -216,7 +216,7 @@ def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) ->
 
 
 def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
-    """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
+    """The least of the pixels around the ends [n] of paths, as levels may end a path too soon.
 
     Of pixels that are as low one is taken that is on no ramp [H, W].
     """

@@ -239,8 +239,8 @@ class _Range(NamedTuple):
 def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
     """Radii [H, W] px whose edges are those of a matte [H, W], where its sides differ in depth.
 
-    A pixel beside the silhouette has the extreme radius of its own side, for what is soft lies
-    between both.
+    A pixel beside the silhouette gets the extreme radius of its own side, as soft depth lies
+    between both sides.
     """
     subject = matte >= SUBJECT
     of_subject, of_rest = (_range_of(signed_radius, mask) for mask in (subject, ~subject))

@@ -15,7 +15,7 @@ BAND = 1 << 20  # pixels of a band of rows
 
 
 def computed(function: Callable[..., Any], *arrays: Any) -> Any:
-    """A function of arrays [H, W], band by band: what it needs beside its result stays small."""
+    """A function of arrays [H, W], computed in bands, so that its temporaries stay small."""
     shape = arrays[0].shape
     parts = [function(*(array[rows] for array in arrays)) for rows in bands(shape)]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -104,7 +104,7 @@ class Folder:
         self._place(name, make=True).hardlink_to(source.resolve())
 
     def rename(self, name: str, last: str) -> None:
-        """Give a file another name in its folder, that of a file that it replaces; durable."""
+        """Rename a file durably within its folder; a file of the new name is replaced."""
         place = self._place(name)
         place.replace(place.with_name(last))
         sync_folder(place.parent)

@@ -1,7 +1,7 @@
-"""Pictures, depth and maps of files as NumPy arrays, and back: what Python programs call.
+"""Reading and writing of pictures, depth and maps as NumPy arrays, for Python programs.
 
-Colour is scene-linear and premultiplied by alpha. Depth is planar, in metres. What a file says of
-itself comes with its numbers; what it leaves open, options say. `torch.from_numpy` makes tensors.
+Colour is scene-linear and premultiplied by alpha. Depth is planar, in metres. Declarations
+of a file are returned with its numbers; options complete them. `torch.from_numpy` makes tensors.
 Errors name the options of the command line: ‹depth-format› is ``format`` here.
 """
 

@@ -75,7 +75,7 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
 def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
     """Entries of a folder that match one part of a pattern, and whether each is a folder.
 
-    Of a file's suffix, nothing is kept.
+    Entries lack the suffixes of files.
     """
     if os.path.lexists(folder / part):  # a name with brackets is one, if it is there
         yield folder / part, [], (folder / part).is_dir()

@@ -59,8 +59,8 @@ def render(
     """Defocus images whose pixels have known CoC radii.
 
     I(x) is the mean over the aperture of what each lens point sees first (Haeberli & Akeley 1990);
-    a pixel q with signed radius r is seen through lens point u at q + r u. Beyond the frame the
-    surfaces on its edge go on, their colours and radii repeated; trust is the share of the
+    a pixel q with signed radius r is seen through lens point u at q + r u. Surfaces
+    continue beyond the frame with the colours and radii of its edge; trust is the share of the
     aperture that saw the frame.
 
     Where gradients are wanted, each region and its tiles are computed again in the backward pass.

@@ -113,7 +113,7 @@ class Depth:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Where there is a depth, [H, W]: the file may have NaN, 0 and negative numbers."""
+        """Pixels [H, W] with a depth; NaN, 0 and negative numbers are none."""
         if self.is_radius:
             finite: NDArray[np.bool_] = np.isfinite(self.metres)
             return finite
@@ -259,7 +259,7 @@ _BEHIND = (
 
 
 def _is_behind(depth: Depth) -> bool:
-    """Whether it has negative numbers, and none that is positive and finite."""
+    """Whether the depth has negative numbers, and no positive finite one."""
     if depth.is_radius:
         return False
     metres = depth.metres
@@ -310,7 +310,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
 
 
 def _fill_too_close(depth: Depth) -> str:
-    """Give -inf, too close for a camera, the nearest depth in its row; what was done, in words."""
+    """Replace -inf, too close for a camera, by the nearest depth in its row; returns a note."""
     close = np.isneginf(depth.metres)
     if depth.is_radius or not close.any():
         return ""

@@ -82,7 +82,7 @@ class DepthReading:
 
     @property
     def asked_by(self) -> dict[str, str]:
-        """The option that asks for the format, and its value: what errors are about."""
+        """The option that asks for the format, and its value, for errors."""
         if self.depth_format is None:
             return {"field": "depth-kind", "value": "disparity"}
         return {"field": "depth-format", "value": self.depth_format}

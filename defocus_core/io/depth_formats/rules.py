@@ -271,7 +271,7 @@ def _same(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _inverted(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth by disparity: no point in front of both cameras has a negative one."""
+    """Depth from disparity; negative disparity, of no point before both cameras, is invalid."""
     with np.errstate(divide="ignore"):
         return np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
 

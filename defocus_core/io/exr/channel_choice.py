@@ -220,14 +220,14 @@ def last_word(name: str) -> str:
 
 
 def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
-    """The views of a file, the default one first; none of a file of one picture."""
+    """The views of a file, the default one first; empty for a file of one picture."""
     if len(headers) == 1 and headers[0].multi_view:
         return tuple(dict.fromkeys(headers[0].multi_view))
     return tuple(dict.fromkeys(header.view for header in headers if header.view))
 
 
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
-    """The headers of a file with the channels of one view, and of none; their names without it.
+    """The headers of a file with the channels of one view or of no view, named without the view.
 
     `view`: the name of the view; None for the default one.
     """

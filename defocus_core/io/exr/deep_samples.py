@@ -33,7 +33,7 @@ _COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
 class _Chunk(NamedTuple):
-    """A chunk as its header promises it: place in px and in the file, bytes of both halves."""
+    """The header of a chunk: place in px and in the file, sizes of both halves in bytes."""
 
     y: int
     x: int
@@ -64,7 +64,7 @@ def count_samples(path: Path, header: Header) -> tuple[int, int]:
 
 @contextmanager
 def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
-    """A deep part whose samples are counted, to read."""
+    """The open file of a deep part, with its samples counted."""
     try:
         with path.open("rb") as file:
             part, chunks = _layout(file, header)
@@ -203,7 +203,7 @@ class DeepSamples(NamedTuple):
 
 
 def read_deep_samples(path: Path, header: Header) -> DeepSamples:
-    """All samples of a deep part; of another view's channels nothing."""
+    """All samples of a deep part, without the channels of other views."""
     with _open(path, header) as (file, part, chunks):
         pixel, own = _unsorted(file, part, chunks)
     # Of a view, the names of layers are plain ones
@@ -233,7 +233,7 @@ def ranks(pixel: NDArray[Any]) -> NDArray[np.int32]:
 
 
 def seen(samples: DeepSamples) -> DeepSamples:
-    """Those without samples of neither alpha nor light, which are nothing, whatever Z says."""
+    """The samples that have alpha or light; the others are empty, whatever their Z."""
     alpha, values = samples.values[ALPHA], samples.values
     if alpha.all():
         return samples

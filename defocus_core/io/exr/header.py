@@ -61,7 +61,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Header:
-    """One part of an EXR file, or what pages and arrays of other files have of one.
+    """The header of a part of an EXR file, or of a page or array of another file.
 
     Its attributes are those that another file may carry.
     """

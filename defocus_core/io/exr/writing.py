@@ -81,7 +81,7 @@ def write_exr_image(
 ) -> list[str]:
     """Write colours [H, W], and others with their own types; a warning if some had to be clamped.
 
-    `clamped`: pixels of colours that are half already of which that is known.
+    `clamped`: number of pixels of half colours that were clamped before.
     """
     if exr_type == "half" and any(plane.dtype == "f4" for plane in colors.values()):
         beyond = [clamped_half(plane)[1] for plane in colors.values()]

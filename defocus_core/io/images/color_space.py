@@ -51,7 +51,7 @@ class Profile(NamedTuple):
 
 
 class Embedded(NamedTuple):
-    """The profile of a file, for others made of it to have: its bytes, and the curve it holds."""
+    """The colour profile of a file, for its outputs: the bytes and the curve."""
 
     data: bytes
     gamma: float | None  # as of `Profile`; None too where its curve is not known
@@ -97,7 +97,7 @@ def _tags(data: bytes) -> dict[bytes, bytes]:
 
 
 def _fixed(data: bytes) -> tuple[float, ...]:
-    """Numbers of 16 bits before and 16 behind the point."""
+    """Fixed-point numbers with 16 integer and 16 fractional bits."""
     return tuple(value / 65536 for (value,) in struct.iter_unpack(">i", data))
 
 
@@ -138,7 +138,7 @@ def _curve(data: bytes) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class ColorSpace:
-    """How the samples of a file are understood."""
+    """The meaning of the samples of a file."""
 
     gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     note: str  # the same in words
@@ -205,7 +205,7 @@ def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def encoded_light(light: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
-    """Samples of linear light, both 0…1, by a power law, 1 for linear, None for sRGB."""
+    """Encoded samples of linear light, both 0…1; the power is 1 for linear, None for sRGB."""
     if gamma is None or gamma == 1:
         return linear_to_srgb(light) if gamma is None else light
     return np.maximum(light, np.float32(0)) ** np.float32(1 / gamma)

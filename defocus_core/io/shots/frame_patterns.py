@@ -147,7 +147,7 @@ def expected(numbers: Iterable[int]) -> tuple[int, ...]:
 
 
 def gaps(numbers: Iterable[int]) -> tuple[int, ...]:
-    """The frames that a numbering leads to expect and that are not there."""
+    """The missing frames of a regular numbering."""
     there = set(numbers)
     return tuple(number for number in expected(there) if number not in there)
 

@@ -41,7 +41,7 @@ def _same(value: float, _: Numbers) -> float:
 
 
 def _equivalent(value: float, numbers: Numbers) -> float:
-    """The width of the sensor as the picture is shown, from its diagonal by that of 35 mm film."""
+    """The width of the sensor of the upright picture, by the diagonal of 35 mm film."""
     foclen, width, height = (numbers.get(n, 0.0) for n in ("Exif:FocalLength", "width", "height"))
     if not (foclen > 0 and value > 0 and width > 0):
         return math.nan

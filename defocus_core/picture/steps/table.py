@@ -72,7 +72,7 @@ def _is_noisy(contents: Contents) -> bool:
 
 
 def _may_end(contents: Contents) -> bool:
-    """Whether an image may have fewer pixels than the picture, as nothing lies beyond the blur."""
+    """Whether an image may be cropped to the pixels that the blur reaches."""
     take, kind, lens = contents.take, contents.kind, contents.take.lens
     lit = take.inputs.plate or take.inputs.hidden or lens.noise
     is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut

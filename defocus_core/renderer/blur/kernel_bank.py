@@ -81,7 +81,7 @@ def _kernel(
 ) -> Tensor:
     """The kernels of one part, [1 or 3, V, S, S] for V points of a view, 1 without any.
 
-    They are cached, for all frames use the same radii.
+    They are cached, as all frames use the same radii.
     """
     with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         r = torch.tensor([radius], dtype=torch.float64, device="cpu")

@@ -124,7 +124,7 @@ class Reduced:
         return shown, resampled(layer, *weights)
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
-        """The coarse pixels between which the pixels of a box lie: all that they have shares in."""
+        """The coarse pixels around the pixels of a box: all that have a share in one."""
         down, across = self._middle
         coarse = down._replace(middle=0), across._replace(middle=0)
         return coarse_read(box, self._middle, coarse, self._level).sides

@@ -67,7 +67,7 @@ def carries_pair(settings: Settings) -> bool:
 def by_loops(surface: Surface) -> bool:
     """Whether compiled loops find the surfaces of a picture, if it has no highlights; else torch.
 
-    They do of three colours without a matte.
+    They take three colours and no matte.
     """
     return len(surface.image) == CHANNELS and surface.matte is None
 

@@ -1,4 +1,4 @@
-"""How functions are compiled: to machine code, without the interpreter's lock."""
+"""Compilation of functions to machine code that runs without the interpreter's lock."""
 
 from __future__ import annotations
 

@@ -40,9 +40,9 @@ def folder() -> Path | None:
 
 @contextmanager
 def one_process() -> Iterator[bool]:
-    """Whether functions are yet to be compiled: by one process, for which others wait here.
+    """Whether this process compiles functions; other processes wait here until it has done so.
 
-    They count as kept when the block ends.
+    Functions count as kept when the block ends.
     """
     place = folder()
     if place is None:

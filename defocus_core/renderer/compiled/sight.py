@@ -1,6 +1,7 @@
 """How far the lens sees at each pixel: the farthest slot within the disc of its own radius.
 
-See `compositing/sight.py`: behind a surface nothing is seen but where its own disc passes an edge.
+Hidden surfaces are seen only where the disc of the front surface reaches over an edge; see
+`compositing/sight.py`.
 """
 
 from __future__ import annotations

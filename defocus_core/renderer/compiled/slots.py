@@ -60,7 +60,7 @@ class Slots(NamedTuple):
         return np.array([*range(len(begins)), *first], np.uint8)
 
     def rows(self, level: int, which: set[int]) -> list[int]:
-        """How many rows of a level the discs of slots reach; 0 of others than those asked for."""
+        """Rows of a level that the discs of the wanted slots reach; 0 for other slots."""
         reach = [math.ceil(max(w / (1 << level), NEAR[1])) + 2 for w in self.widest]
         return [n if s in which else 0 for s, n in enumerate(reach)]
 

@@ -58,7 +58,7 @@ class Room(NamedTuple):
 
 
 def room_of(reach: list[int], views: int, width: int) -> Room:
-    """Room for slots that reach so many rows each; 0 for slots that are not spread."""
+    """Memory of slots, by the rows that each reaches; 0 for slots that are not spread."""
     most = max(reach, default=0)
     rows = np.array([most + n + 1 if n else 0 for n in reach], np.int64)
     start = rows.cumsum() - rows

@@ -216,13 +216,13 @@ class TileCompositor:
         self.front = add_within(self.front, whole, layer, fraction)
 
     def reserve(self, surfaces: dict[int, ShownLayer]) -> None:
-        """Keep invented surfaces out of the coverage of layers."""
+        """Reserve the coverage of layers, so that invented surfaces cannot take it."""
         size = self.front.shape[-2], self.front.shape[-1]
         parts = [(shown.box, shown.layer[:, -1:]) for shown in surfaces.values()]
         self._reserved = summed(parts, size) if parts else None
 
     def leave_open(self) -> None:
-        """Count the gaps that are left as covered: nothing is seen there."""
+        """Count the remaining gaps as covered, with nothing seen in them."""
         color, covered = self.front.tensor_split([-1], 1)
         whole = torch.maximum(covered, sent(self._full, covered))
         self.front = torch.cat([color, whole], 1)

@@ -149,7 +149,7 @@ class ColorRange(NamedTuple):
     ) -> ColorRange:
         """The range of the channels of a picture.
 
-        `like`: [C, h, w]; others are bounded by the minimum alone.
+        `like`: [C, h, w]; channels without a range are bounded by the minimum alone.
         """
         others = len(like) - len(channels) if channels else 1
         every = [*channels, *[(minimum, torch.inf)] * others]

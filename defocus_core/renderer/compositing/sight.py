@@ -99,7 +99,7 @@ def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
 def _dilated(values: Tensor, by: int, *, square: bool) -> Tensor:
     """The greatest of values [..., h, w] and those `by` px beside, above and below.
 
-    Of a square those on its corners, too.
+    For a square also those at its corners.
     """
     greatest = values.clone()
     for dim in (-2, -1):
@@ -146,7 +146,7 @@ class Openings(NamedTuple):
         return Openings(*map(box.crop, self))
 
     def to_layer(self, layer_index: int) -> Tensor:
-        """The room [h, w] for what is hidden in a layer."""
+        """The share [h, w] of the pupil that is left for hidden surfaces of a layer."""
         return torch.where(self.layer_index < layer_index, self.room, 1)
 
     def to_octave(self, _: int) -> None:
@@ -250,7 +250,7 @@ def fraction_in_frame(
 
 
 def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
-    """`_summed_area`, kept unless it is of a learning pupil or of a place in the frame."""
+    """`_summed_area`, cached unless the pupil learns or depends on the place in the frame."""
     if aperture.requires_grad:
         return _summed_area.__wrapped__(aperture, part, view)
     return (_summed_area.__wrapped__ if view else _summed_area)(aperture.fixed, part, view)

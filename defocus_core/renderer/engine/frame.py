@@ -144,7 +144,7 @@ class SharedFrame:
 
     @property
     def slices(self) -> Slices:
-        """Its slices, and how they are blurred."""
+        """The slices of the picture, and how they are blurred."""
         return self._tiled[1]
 
     @property
@@ -205,7 +205,7 @@ def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
 
 
 def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:
-    """The pupils that the corners of a region see, by rows; none if all see it alike."""
+    """The pupils at the corners of a region, by rows; empty if all corners see the same pupil."""
     cat_eye = frame.settings.cat_eye
     if cat_eye is None:
         return []

@@ -163,7 +163,7 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
 def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | float:
-    """As `RegionPlace.fractions`, in the mean over the visible samples of each pixel; or 1."""
+    """Means of `RegionPlace.fractions` over the visible samples of each pixel; 1 if all are."""
     first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))
     radius = first.signed_radius
     total = place.fractions(bounds, radius, parts)

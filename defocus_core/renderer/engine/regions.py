@@ -58,7 +58,7 @@ class Region:
     """A rectangle of tiles, and everything that they share."""
 
     def __init__(self, place: RegionPlace, seen: RegionLayers) -> None:
-        """Prepare the blur of what is seen."""
+        """Prepare the blur of the layers of the region."""
         frame = self._frame = place.frame
         self._tiles, self._sight = place.grid.tiles, seen.sight
         self._like = seen.layers[0].color
@@ -142,7 +142,7 @@ class Region:
         return fraction.clamp(0, 1)[None]
 
     def _composited(self, index: int) -> TileCompositor:
-        """The views of a tile by the parts of the aperture."""
+        """The views of a tile through each part of the aperture."""
         frame, content, tile = self._frame, self._frame.content, self._tiles[index]
         sight = self._sight and self._sight.crop(tile.seen_from(self._tiles[0]))
         division, shape = frame.division, self._like.shape

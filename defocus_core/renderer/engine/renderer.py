@@ -37,8 +37,8 @@ class Renderer:
         size: (height, width) in px.
         repair: Repair of its depth.
         frame: The frame.
-        scene: What is rendered, repaired.
-        in_focus: The same as its regions read it.
+        scene: The repaired scene.
+        in_focus: The repaired scene as regions read it.
     """
 
     def __init__(self, scene: Scene, settings: Settings = STANDARD) -> None:

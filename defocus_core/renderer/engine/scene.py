@@ -206,7 +206,7 @@ def _plus(radii: Tensor, px: Scalar) -> Tensor:
 
 
 def _check_known(color: Tensor, radius: Tensor, mask: Tensor) -> None:
-    """Refuse values of a known layer that are no light and no radius."""
+    """Refuse a known layer whose light or radii are not finite or out of range."""
     where = mask.bool()
     for name, values in (("color", color[:, where]), ("signed_radius", radius[where])):
         if not bool((values.abs() <= BRIGHTEST).all()):

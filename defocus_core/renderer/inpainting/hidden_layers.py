@@ -43,7 +43,7 @@ class CoarseGrid(NamedTuple):
 
     @classmethod
     def from_size(cls, size: tuple[int, int], fine: _Axes, level: int) -> CoarseGrid:
-        """Those of a part of (height, width)."""
+        """The coarse pixels of a part of (height, width)."""
         if not level:
             return cls(fine, fine, 0)
         down, across = (halves(n, axis) for n, axis in zip(size, fine, strict=True))
@@ -72,7 +72,7 @@ class CoarseGrid(NamedTuple):
 
 
 def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
-    """The greatest value [..., H, W] of the coarse pixels that each pixel is part of."""
+    """The greatest value [..., H, W] of the coarse pixels around each pixel."""
     down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
     wide = spread_out(values, (down.axis.odd, across.axis.odd))
     return Box(down.before, across.before, *size).crop(wide)
@@ -184,7 +184,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
 def _filled(
     values: Tensor, weight: Tensor, more: Tensor, fraction: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Values [n, C + 1] and weights [n], with those of a coarser level where they lack it."""
+    """Values [n, C + 1] and weights [n], completed from a coarser level where weight is missing."""
     missing = (1 - weight) * (weight < _ENOUGH)
     return torch.addcmul(values, more, missing[:, None]), torch.addcmul(weight, fraction, missing)
 

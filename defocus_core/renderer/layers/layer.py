@@ -1,4 +1,4 @@
-"""A layer: what is seen of one surface at each pixel, whichever way it was found.
+"""Layers: visible or hidden parts of one surface per pixel.
 
 Layers of a picture are the surface that its depth names and the parts of nearer surfaces in the
 same pixels. Those of a layered scene are its samples, from near to far.

@@ -1,8 +1,8 @@
 """A sliced surface: the slices of a layer that each tile needs, and where they have pixels.
 
 Blocks of 16 px say where slices are. In a block of one slope every slice has this slope, and the
-kernel is tilted instead of the pixels; a slice in a block of several slopes has none in common,
-even if its own pixels do. Beyond the frame, what is on its edge goes on.
+kernel is tilted instead of the pixels; in a block of several slopes no slice has a slope. The edge
+of the frame continues beyond it.
 """
 
 from __future__ import annotations
@@ -319,7 +319,7 @@ class _FramedLayer(NamedTuple):
 
 
 class SlicedSurface:
-    """A layer of the scene, and its slices that each tile of a grid sees.
+    """A layer of the scene, and the slices that reach each tile of a grid.
 
     Attributes:
         plan: For each tile the indices of slices that reach it, nearest first.

@@ -66,7 +66,7 @@ def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
 
 
 def _many_around(mask: Tensor) -> Tensor:
-    """Where enough of the square around each pixel, cut to the frame, is in a mask [..., H, W]."""
+    """Pixels whose square, cut to the frame, lies in a mask [..., H, W] by a sufficient share."""
     count, area = mask.to(torch.int32), torch.ones((), device=mask.device)
     for dim in (-2, -1):
         n = mask.shape[dim]
@@ -184,7 +184,7 @@ def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
 
 
 def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
-    """Numbers, one for each of the first dimension of a tensor [n, ...]."""
+    """A tensor [n, ...] of numbers [n], for broadcasting along the first dimension."""
     return stacked(values, like).view(-1, *[1] * (like.dim() - 1))
 
 
