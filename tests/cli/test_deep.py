@@ -181,12 +181,3 @@ def test_a_holdout_cuts_a_flat_picture_too(tmp_path):
     succeed("render", flat, "-o", tmp_path / "out", *LENS, *FLOAT, "--holdout", cut)
     alpha = picture(tmp_path / "out/render/a.exr")[3]
     assert psnr(alpha[6:-6, 6:-6], 1 - truth(*made)[3]) > 43
-
-
-def test_rows_without_samples_are_nothing(tmp_path):
-    color, depth, coverage = layers(0.8, 2.0, 6.0)
-    coverage[:, 16:] = 0
-    shown = rendered(tmp_path, "a", from_layers(color, depth, coverage), tile=16)
-    assert float(shown[-1, -4:].max()) == 0
-    coverage[:] = 0
-    assert not rendered(tmp_path, "none", from_layers(color, depth, coverage)).any()

@@ -21,8 +21,6 @@ from command_line import (
 )
 from depth_files import npy, pfm, png
 
-from defocus_core.batch.datasets.finished import samples
-
 
 def depth(*args):
     """The depth that a conversion to the file after ``-o`` writes."""
@@ -218,21 +216,6 @@ def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):
     succeed("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1")
     (swept,) = (tmp_path / "b" / "coc").glob("*50mm*")
     np.testing.assert_array_equal(read_exr(swept)["coc"], radial)
-
-
-def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
-    color, _ = pair(tmp_path)
-    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
-    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{held}"\n[reading]\ndepth-format = "coc"\n'
-    jobs, out = tmp_path / "jobs.toml", tmp_path / "o"
-    jobs.write_text(f'{inputs}[sweep]\nfocus = ["1m", "2m"]\n')
-    refused(run("batch", jobs, "-o", out), 2, "idle-option", jobs, "focus")
-    jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
-    succeed("batch", jobs, "-o", out, "--processes", "1")
-    lenses = [sample.lens for sample in samples(out)]
-    assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
-        *((True, None, 0), (True, None, 5))
-    ]
 
 
 @pytest.mark.parametrize(("sign", "scale"), [(1, "-1"), (-1, "2")])

@@ -53,14 +53,6 @@ def test_where_alpha_is_0_there_is_nothing_whatever_depth_says(said, tmp_path):
         assert (values[planes["A"] > 0] > 1).all()
 
 
-def test_an_element_of_one_depth_is_blurred_as_a_plane(tmp_path):
-    planes = element(disc())
-    alone = rgba(picture(write(tmp_path / "a.exr", planes), tmp_path / "o"))
-    planes["Z"] = np.full(SIZE, METRES, np.float32)  # a plane of glass
-    plane = rgba(picture(write(tmp_path / "b.exr", planes), tmp_path / "p"))
-    np.testing.assert_allclose(alone, plane, atol=1e-5)
-
-
 def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path):
     planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
     planes["Z"] = np.full(SIZE, METRES, np.float32)

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import LENS, failed, photograph, read_exr, refused, run, texture
+from command_line import LENS, failed, photograph, read_exr, run, texture
 from deep_files import write_deep_samples
 from image_files import SCANLINE
 from refusals import refuses
@@ -109,11 +109,6 @@ def test_a_damaged_header_of_deep_pixels_is_refused(old, new, out, tmp_path):
     for words in (("info", path), ("render", path, "-o", out, *LENS)):
         failed(run(*words), 3, "damaged", path)
     assert not (out / "render").exists()
-
-
-def test_a_depth_that_is_hardly_a_number_names_its_file(color, out, tmp_path):
-    np.save(tmp_path / "d.npy", np.full((16, 24), 1e-42, np.float32))
-    refused(run("render", color, tmp_path / "d.npy", "-o", out, *LENS), 3, "too-blurred", "d.npy")
 
 
 def test_an_error_that_stderr_cannot_take_is_said_whole_on_stdout(tmp_path):

@@ -70,14 +70,6 @@ def test_a_plate_nearer_than_the_element_hides_it(tmp_path):
         np.testing.assert_allclose(seen[name], plate[name], atol=1e-4)
 
 
-def test_coc_is_that_of_what_is_seen(tmp_path):
-    ball, below, _, alpha = scene(tmp_path, 0.8, 1.6)
-    succeed("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below, "--outputs", "coc")
-    coc = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
-    assert (coc[alpha > 0] < -1).all()
-    assert (coc[alpha == 0] > 1).all()
-
-
 def test_a_plate_is_an_exr_two_files_or_a_folder_and_stands_in_jobs_files(tmp_path):
     ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
     expected, planes = picture(tmp_path / "o", ball, "--over", below), read_exr(below)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from batches import records
-from command_line import color_exr, depth_exr, photograph, refused, render, succeed
+from command_line import color_exr, depth_exr, photograph, render, succeed
 from shots import HEIGHT, WIDTH, smooth, still
 
 FOCAL = ("--focal-length", "50mm", "--fnumber", "2")
@@ -66,12 +66,6 @@ def test_a_tracked_point_is_followed(tmp_path):
     foci = [record["lens"]["focus_mm"] for record in records(tmp_path / "own")]
     assert foci == pytest.approx([2000, 2500, 3000, 3500, 4000])
     assert records(tmp_path / "own")[2]["lens"]["focus_at_px"] == [13, 4]
-
-
-def test_what_has_no_effect_is_refused(tmp_path):
-    moving_focus(tmp_path)
-    files = (tmp_path / "rgb.0000.exr", tmp_path / "z.0000.exr")
-    refused(render(*files, "-o", tmp_path / "out", "--no-steady"), 2, "idle-option", "steady")
 
 
 def test_other_frames_are_inputs_of_the_journal_and_of_no_list(tmp_path):

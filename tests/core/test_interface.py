@@ -232,21 +232,6 @@ def test_equal_pictures_pass_and_a_moved_one_is_found_out(tmp_path):
     assert moved.findings[0].values["dx"] == 2
 
 
-def test_rules_decide_about_values():
-    a = texture().astype(np.float32)
-    b = a.copy()
-    b[0, 0, 0] += 0.5
-    assert compare_images(a, b, fail=["max>0.6"], warn=["max>0.1"]).status == "warning"
-    assert compare_images(a, b, fail="max>0.4").failed == ("max>0.4",)
-    assert compare_images(a, b, region=(1, 0, 8, 8)).passes
-
-
-def test_a_rule_that_lets_everything_through_is_refused():
-    with pytest.raises(DefocusError) as caught:
-        compare_images("a.exr", "b.exr", fail=["psnr>45"])
-    assert problem(caught) == ("no-rule", "fail")
-
-
 @pytest.mark.parametrize("said", [{"scale": 0.0}, {"focal_px": math.inf}, {"fov": 180.0}])
 def test_numbers_that_no_file_can_mean_are_refused(said, tmp_path):
     with pytest.raises(UsageProblem) as caught:

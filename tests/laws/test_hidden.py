@@ -43,18 +43,6 @@ def test_beside_a_near_card_shows_what_it_hides_before_what_lies_beyond_focus(
     assert psnr(inner(known, BORDER), truth) > minimum
 
 
-def test_with_the_hidden_surface_known_quality_is_bought_with_parts_of_the_aperture():
-    image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
-    truth = inner(truths(-5.0, 6.0, False)[0], BORDER)
-    hidden = behind(-5.0, 6.0)
-    errors = [
-        psnr(inner(render(image, radius, quality=q, hidden=hidden).render, BORDER), truth)
-        for q in QUALITIES
-    ]
-    assert errors == sorted(errors)
-    assert errors[-1] > errors[1] + 2
-
-
 def test_behind_what_is_known_the_farthest_is_invented_where_the_lens_sees_past_that_too():
     card, background = card_layers(-9.0, 3.0)
     strip = torch.zeros_like(card.alpha)  # a wire, upright behind the card and nowhere else

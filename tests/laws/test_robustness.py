@@ -8,9 +8,6 @@ from tolerances import RENDERED, WHITE
 
 from defocus_core import DefocusLens, RandomDefocus, render
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 
 IMAGE, RADIUS = pattern().float(), slanted().float()
 
@@ -127,10 +124,3 @@ def test_progress_counts_tiles():
     )
     count = o.stats["tiles"]
     assert calls == [(k + 1, count) for k in range(count)]
-
-
-def test_a_finer_quality_has_more_slices():
-    image, radius = IMAGE.repeat(1, 4, 4), 3 * RADIUS.repeat(4, 4)
-    scene = Surface(image, radius)
-    slices = [Renderer(scene, Settings(quality=q)).stats["slices"] for q in QUALITIES]
-    assert slices == sorted(set(slices))

@@ -51,13 +51,6 @@ def test_the_others_are_their_formulas():
     assert metrics["share"] == (greatest > 0.05).mean()
 
 
-def test_equal_half_floats_and_floats_measure_alike():
-    a, b = scene(), spoiled().astype(np.float16)
-    halves = measure(pixels(a.astype(np.float16), b), over=0.01)
-    floats = measure(pixels(a, b.astype(np.float32)), over=0.01)
-    assert halves == pytest.approx(floats, rel=1e-6)
-
-
 def test_pixels_that_are_not_selected_change_nothing():
     a, b = scene(), spoiled()
     selected = np.zeros((HEIGHT, WIDTH), bool)

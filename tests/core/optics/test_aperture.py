@@ -112,11 +112,6 @@ def test_rotation_puts_a_vertex_counter_clockwise_from_plus_x_as_seen():
     torch.testing.assert_close(right, k.rot90(-1), atol=1e-14, rtol=0)
 
 
-def test_an_infinity_of_blades_is_a_disc():
-    many = Aperture(blades=3000).kernel(double(7.3), 17)
-    torch.testing.assert_close(many, DISC.kernel(double(7.3), 17), atol=1e-7, rtol=0)
-
-
 def test_gaussian_falls_off_as_its_formula_within_the_disc():
     radius, size = 9.0, 19
     ratio = GAUSSIAN.kernel(double(radius), size) / DISC.kernel(double(radius), size).clamp(
@@ -169,16 +164,3 @@ def test_parts_tile_the_pupil_half_by_half_in_equal_areas(aperture, count):
         w * aperture.kernel(double(5.2), 13, p) for w, p in zip(weights, parts, strict=True)
     )
     torch.testing.assert_close(whole, aperture.kernel(double(5.2), 13), atol=1e-12, rtol=0)
-
-
-@pytest.mark.parametrize("aperture", FLAT)
-def test_sixteen_parts_tile_the_pupil_by_their_weights(aperture):
-    parts = aperture.parts(16)
-    weights = [aperture.fraction(part) for part in parts]
-    assert sum(weights) == pytest.approx(1, abs=0.005)  # slivers of polygons are left out
-    left = [part.x1 <= 0 for part in parts]
-    assert left == sorted(left, reverse=True)
-    whole = sum(
-        w * aperture.kernel(double(5.2), 13, p) for w, p in zip(weights, parts, strict=True)
-    )
-    torch.testing.assert_close(whole, aperture.kernel(double(5.2), 13), atol=2e-4, rtol=0)

@@ -4,51 +4,31 @@ from __future__ import annotations
 
 import threading
 
-import numpy as np
 import pytest
 import torch
 from command_line import color_exr, depth_exr, pair, ramp, refused, render, texture
-from image_files import save
 from refusals import refuses
 
 from defocus_core.batch import run_batch
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
-from defocus_core.request import output_kinds as kinds
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.lens import LensValues
 from defocus_core.system import memory
 
-KINDS = ",".join(kinds.KINDS)
 SIZE = (70, 90)
 
 
-def files(folder):
-    paths = (path for path in folder.rglob("*") if path.is_file() and path.parent != folder)
-    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
-
-
-def frames(tmp_path, kind):
-    pixels = texture(*SIZE)
-    color = color_exr(tmp_path / "c.exr", pixels)
-    if kind == "png":
-        color = save(tmp_path / "c.png", (255 * np.clip(pixels, 0, 1)).astype(np.uint8))
-    if kind == "tiff":
-        color = save(tmp_path / "c.tif", np.float32(pixels), tile=(16, 32))
-        depth = (1000 * ramp(*SIZE)).astype(np.uint16)[..., None]
-        return color, save(tmp_path / "z.png", depth)
-    return color, depth_exr(tmp_path / "z.exr", ramp(*SIZE))
-
-
-def job(tmp_path, limit, size=SIZE, kinds="render"):
+def frames(tmp_path, size=SIZE):
     color = color_exr(tmp_path / "c.exr", texture(*size))
-    depth = depth_exr(tmp_path / "z.exr", ramp(*size))
-    outputs = Outputs(tmp_path / "out", tuple(kinds.split(",")))
-    machine = Machine(memory=limit)
-    return Job(
-        PictureFiles("c", color, depth), LensValues(50.0, 2.0, 2000.0), Reading(), outputs, machine
-    )
+    return color, depth_exr(tmp_path / "z.exr", ramp(*size))
+
+
+def job(tmp_path, limit, size=SIZE):
+    outputs, machine = Outputs(tmp_path / "out", ("render",)), Machine(memory=limit)
+    picture, lens = PictureFiles("c", *frames(tmp_path, size)), LensValues(50.0, 2.0, 2000.0)
+    return Job(picture, lens, Reading(), outputs, machine)
 
 
 def beyond_base(mb):
@@ -63,8 +43,8 @@ def test_what_does_not_fit_is_refused_before_it_is_decoded(tmp_path, monkeypatch
         plain_path.read(asked)
 
 
-def test_too_little_memory_is_refused_with_how_much_would_do(tmp_path, monkeypatch):
-    args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
+def test_too_little_memory_is_refused_with_how_much_would_do(tmp_path):
+    args = (*frames(tmp_path), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB", "--threads", "1")
     refused(ran, 3, "out-of-memory", "c.exr")
     dry = render(*args, "--memory", "20MB", "--threads", "1", "--dry-run")
@@ -116,7 +96,7 @@ def test_nobody_waits_at_an_open_gate(gated):
 
 
 def test_tile_sets_the_grid(tmp_path):
-    args = (*frames(tmp_path, "exr"), "--json")
+    args = (*frames(tmp_path), "--json")
     (usual,) = render(*args, "-o", tmp_path / "a").json["pictures"]
     (small,) = render(*args, "-o", tmp_path / "b", "--tile", "32").json["pictures"]
     assert (usual["stats"]["tiles"], small["stats"]["tiles"]) == (1, 9)

@@ -17,43 +17,20 @@ from defocus_core.renderer.engine.settings import Settings
 
 
 @contextmanager
-def default_dtype(dtype):
-    before = torch.get_default_dtype()
-    torch.set_default_dtype(dtype)
+def changed(change, value, usual):
+    """A mode of torch that is set by a function, and is again what it was."""
+    change(value)
     yield
-    torch.set_default_dtype(before)
-
-
-@contextmanager
-def rounded_products():
-    torch.set_float32_matmul_precision("medium")
-    yield
-    torch.set_float32_matmul_precision("highest")
-
-
-@contextmanager
-def deterministic_algorithms():
-    torch.use_deterministic_algorithms(True)
-    yield
-    torch.use_deterministic_algorithms(False)
-
-
-@contextmanager
-def two_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield
-    assert torch.get_num_threads() == 2
-    torch.set_num_threads(before)
+    change(usual)
 
 
 # "meta" stands for a GPU: what is made there cannot be taken for what is on the CPU
 MODES = {
     "autocast": lambda: torch.autocast("cpu", torch.bfloat16),
     "a default device": lambda: torch.device("meta"),
-    "a default dtype": lambda: default_dtype(torch.float64),
-    "deterministic algorithms": deterministic_algorithms,
-    "two threads of torch": two_threads,
+    "a default dtype": lambda: changed(torch.set_default_dtype, torch.float64, torch.float32),
+    "deterministic algorithms": lambda: changed(torch.use_deterministic_algorithms, True, False),
+    "two threads of torch": lambda: changed(torch.set_num_threads, 2, 1),
 }
 
 
@@ -103,7 +80,7 @@ def test_products_are_not_rounded_as_the_caller_allows():
         return [pictures(rendering), *torch.autograd.grad(energy, (image, radius))]
 
     wanted, exactly = seen(), product @ product
-    with rounded_products():
+    with changed(torch.set_float32_matmul_precision, "medium", "highest"):
         found, rounded = seen(), product @ product
     for a, b in zip(found, wanted, strict=True):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
@@ -133,8 +110,9 @@ def test_torch_uses_one_thread_within_a_picture_and_the_callers_number_after_it(
     def progress(done, of):
         numbers.append(torch.get_num_threads())
 
-    with two_threads():
+    with MODES["two threads of torch"]():
         render(image, radius, progress=progress)
+        assert torch.get_num_threads() == 2
         with ThreadPoolExecutor(3) as pool:
             list(pool.map(lambda _: render(image, radius, progress=progress), range(6)))
         after = ThreadPoolExecutor(1).submit(torch.get_num_threads).result()

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from defocus_core import DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
+from defocus_core import DefocusLens, Distribution, RandomDefocus, render
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
 DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
@@ -23,13 +21,6 @@ def lens(foclen=50.0, fnum=1.4, **options):
 
 def drawn(image=IMAGE[None], depth=DEPTH, seeds=(1,), **ranges):
     return RandomDefocus(**ranges)(image, depth, seeds)
-
-
-def test_a_hidden_layer_is_of_floats():
-    scene = (IMAGE[None], RADIUS[None])
-    for wrong in (scene[0] > 0, (255 * scene[0]).byte(), scene[0] + 0j):
-        with pytest.raises(ValueError, match="hidden color and signed_radius must be of floats"):
-            render(*scene, hidden=HiddenLayer(wrong, scene[1], scene[1] > 0))
 
 
 WRONG_LATER: list[tuple[str, Any, str]] = [
@@ -136,10 +127,3 @@ def test_each_picture_has_memory_of_its_own(count, recorded):
     for picture in (seen.render, seen.left, seen.right, seen.trust):
         assert picture.is_contiguous()
         assert picture.untyped_storage().nbytes() == picture.nbytes
-
-
-def test_a_renderer_counts_the_same_each_time():
-    renderer = Renderer(Surface(IMAGE, RADIUS))
-    for _ in range(2):
-        assert len(list(renderer.tiles())) == 1
-        assert renderer.stats["pixels"] == RADIUS.numel()

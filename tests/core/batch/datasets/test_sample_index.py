@@ -60,17 +60,6 @@ def test_the_last_record_of_a_sample_counts(tmp_path):
     assert set(line["outputs"]) == {"coc"}
 
 
-def test_every_key_has_one_type(tmp_path):
-    one = record(tmp_path, "a")
-    far = {**one["lens"], "focus_mm": "inf", "focal_length_mm": 50.5, "focus_percentile": 7.5}
-    drawn = {**far, "draw": {"seed": 7, "index": 0}, "focus_at_px": [3, 4]}
-    for line in written(tmp_path, one, record(tmp_path, "b", lens=drawn)):
-        lens = line["lens"]
-        assert type(lens["focus_dioptres"]) is type(lens["focal_length_mm"]) is float
-        assert lens["focus_mm"] is None or type(lens["focus_mm"]) is float
-    assert (lens["focus_mm"], lens["focus_dioptres"]) == (None, 0)
-
-
 def test_the_index_reads_as_samples(tmp_path):
     far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf", "focus_at_px": [3, 4]}
     written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b", lens=far))
@@ -87,24 +76,6 @@ def test_the_index_reads_as_samples(tmp_path):
     (tmp_path / "metadata.jsonl").unlink()
     with refuses("not-found"):
         list(samples(tmp_path))
-
-
-def test_hugging_face_loads_the_splits(tmp_path, datasets):
-    """Whatever the pictures are named, and whatever one split alone has to say."""
-    far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf"}
-    kinds = ("render", "left", "coc")
-    records = [
-        record(tmp_path, "test_a", kinds, level=10, split="train", warnings=["clipped"]),
-        record(tmp_path, "b_train", kinds, level=20, split="train"),
-        record(tmp_path, "c", kinds, level=30, split="holdout", lens=far),
-    ]
-    write_all(tmp_path, records)
-    loaded = datasets.load_dataset(str(tmp_path), cache_dir=str(tmp_path / "cache"))
-    assert loaded["train"]["sample_id"][:] == ["b_train", "test_a"]
-    for kind in ("image", "left"):
-        assert loaded["train"][0][kind].getpixel((0, 0)) == (20, 20, 20)
-    (alone,) = loaded["holdout"]
-    assert (alone["sample_id"], alone["lens"]["focus_dioptres"], alone["width"]) == ("c", 0, 4)
 
 
 @pytest.mark.parametrize("kinds", [("render", "coc"), ("coc",)])

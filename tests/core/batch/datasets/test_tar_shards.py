@@ -31,13 +31,6 @@ def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
     assert json.loads(data["a_f1_4_s001.json"])["sample_id"] == "a_f1.4_s001"
 
 
-def test_samples_that_a_tar_cannot_tell_apart_are_refused(tmp_path):
-    records = [completed(tmp_path, name) for name in ("a.1", "a_1")]
-    with refuses("duplicate", "a.1 and a_1"):
-        pack(tmp_path, records, LARGE)
-    assert not list(tmp_path.glob("shards/*"))
-
-
 def test_the_bytes_depend_on_the_samples_alone(tmp_path):
     one = packed(tmp_path / "one", 3)[0]
     records = [

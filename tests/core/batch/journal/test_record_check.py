@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from records import completed, pack, record
+from records import completed, record
 from refusals import refuses
 
 import defocus_core
@@ -142,16 +142,6 @@ def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
         Ledger(out)
     (out / "render").unlink()
     assert len(list(Ledger(out).records())) == 1
-
-
-def test_a_link_in_place_of_an_output_is_not_packed(tmp_path):
-    sample = completed(tmp_path, "a", ["render"])
-    secret = tmp_path / "secret"
-    (tmp_path / "render" / "a.png").replace(secret)
-    (tmp_path / "render" / "a.png").symlink_to(secret)
-    with refuses("unreadable", "symbolic link", path=tmp_path / "render" / "a.png"):
-        pack(tmp_path, [sample], 1000)
-    assert not list(tmp_path.glob("shards/*.tar"))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from refusals import files_end_at, refuses
 
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.encode import FORMATS, display_encoded, write_image, write_map
+from defocus_core.io.images.encode import FORMATS, write_image, write_map
 from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.picture.preview import diverging, largest
 
@@ -117,21 +117,6 @@ def test_the_diverging_map_is_symmetric_about_focus():
     # One scale for both sides: half as far from focus is half the colour.
     np.testing.assert_allclose(diverging(np.array([[-4, 8]], np.float32), 8.0)[0], [half_near, far])
     assert np.all(diverging(np.zeros((2, 2), np.float32), 0.0) == 1)
-
-
-@pytest.mark.filterwarnings("error")
-def test_the_largest_of_all_floats_is_white_without_a_word():
-    glare = np.full((1, 1, 3), np.finfo(np.float32).max, np.float32)
-    encoded, clipped, _ = display_encoded(glare, "RGB", 8, keep_alpha=True)
-    assert (encoded == 255).all()
-    assert clipped == 1
-
-
-def test_rounding_where_nothing_is_seen_is_not_clipped():
-    nearly_clear = np.array([[[5e-9, 0, 0, 1e-9], [0.2, 0, 0, 0.1]]], np.float32)
-    encoded, clipped, _ = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
-    assert clipped == 1, "the second one alone"
-    assert encoded[0, :, 3].tolist() == [0, 26]
 
 
 def test_overshoot_of_a_picture_within_white_is_no_loss(tmp_path):

@@ -208,13 +208,6 @@ def test_the_curve_of_a_profile_counts_and_never_its_name(name, tmp_path):
         assert embedded(tmp_path / "b.png") == data
 
 
-def test_what_is_no_profile_of_curves_is_none():
-    whole = profile(WIDE["Adobe RGB"], parametric(0, 2.2))
-    assert read_profile(whole) is not None
-    for broken in (b"", whole[:150], whole.replace(b"rTRC", b"none"), b"\xff" * 400):
-        assert read_profile(broken) is None
-
-
 def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path):
     line = (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.25, 0.25)
     color = read_color(exr(tmp_path / "a.exr", patches(), chromaticities=line))

@@ -108,25 +108,6 @@ def test_a_click_shows_the_picture_of_the_command_below_it(page, options, folder
     opened.close()
 
 
-def test_the_page_has_the_tools_of_every_report(folder, browser):
-    """Exposure, the values under the pointer, the wipe and the difference."""
-    for name, value in (("photo.html", "depth 200"), ("exr.html", "depth 0.5 m")):
-        opened = Choice(browser, folder / name)
-        opened.click(0.25, 0.5)
-        opened.wait(f"document.getElementById('readout').textContent.endsWith('{value}  (R G B)')")
-        alone = opened.pixel(0.3, 0.4)
-        opened.press("s")
-        assert opened.text("#badge").startswith("input | render")
-        opened.page.fill("#split", "200")
-        assert opened.pixel(0.3, 0.4) == alone
-        opened.press("[", "[")
-        assert opened.text("#stops") == "-1 EV"
-        assert sum(opened.pixel(0.3, 0.4)[:3]) < sum(alone[:3])
-        opened.press("d")
-        assert not opened.page.is_hidden("#legend")
-        opened.close()
-
-
 def test_keys_do_all_of_it(folder, browser):
     opened = Choice(browser, folder / "photo.html")
     opened.settle()

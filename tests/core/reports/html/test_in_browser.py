@@ -231,25 +231,3 @@ def test_items_play_like_a_film(page):
     page.page.wait_for_timeout(400)
     assert page.text("#title") == title
     assert page.pixel(0.5, 0.3)[0] == pytest.approx(SHOWN[BEFORE], abs=3)  # a thumbnail
-
-
-def test_dark_and_light(browser, report):
-    shades = []
-    for scheme in ("light", "dark"):
-        page = Page(browser, report, color_scheme=scheme)
-        color = page.page.evaluate("getComputedStyle(document.body).backgroundColor")
-        shades.append(int(color.split("(")[1].split(",")[0]))
-        page.close()
-    assert shades[0] > 200 > 60 > shades[1]
-
-
-def test_pictures_need_a_plain_canvas_alone(browser, report):
-    get = "const get = HTMLCanvasElement.prototype.getContext;"
-    plain = "function (kind, given) { return kind === '2d' ? get.call(this, kind, given) : null }"
-    script = f"{get} HTMLCanvasElement.prototype.getContext = {plain};"
-    page = Page(browser, report, script=script, viewport={"width": 480, "height": 900})
-    choose(page, "render/brighter.exr")
-    assert page.page.is_hidden("#failure")
-    assert page.pixel(0.4, 0.3)[0] == pytest.approx(SHOWN[BEFORE], abs=1)
-    assert page.pixel(0.6, 0.3)[0] == pytest.approx(SHOWN[AFTER], abs=1)
-    page.close()
