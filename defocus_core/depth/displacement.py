@@ -447,7 +447,7 @@ class _Profiles(NamedTuple):
         return near, far
 
     def sides(self) -> Iterator[tuple[Tensor, Tensor]]:
-        """Which px [n, 2 * REACH + 1] of each surface are sampled, and which are beyond these."""
+        """Masks [n, 2 * REACH + 1] of the sampled px of each surface, and of the px beyond them."""
         for side, depth, count in zip(
             (-1, 1), self.depths(), (self.inwards, self.outwards), strict=True
         ):
@@ -482,9 +482,9 @@ def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
 
 
 def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
-    """How far colours decide [..., 1], from 0 to 1, by what they tell [..., 2] of other px.
+    """The weight [..., 1] of colours, 0 to 1, by their evidence [..., 2] of other px.
 
-    Textures that are alike on both sides tell nothing, however different two samples of them are.
+    Similar textures on both sides have no weight, however different two of their samples are.
     """
     least, full = limits
     score = (told[..., :1] + full) / (told[..., 1:] + 1)  # one px that is told, for none at all

@@ -61,8 +61,8 @@ _BYTES_EACH = 1 << 13
 class MixedPixels(NamedTuple):
     """Pixels with parts of two surfaces, split.
 
-    Where the nearer one of two is the pixel's own, by its depth, its other surface shows through
-    the share that it leaves. Where the farther one is, it is whole behind a part of the nearer one.
+    If the pixel's depth is that of the nearer surface, the farther one shows through the remaining
+    share. If it is that of the farther surface, this is whole behind a part of the nearer one.
     """
 
     # [n, 2] rows and columns; rows are counted on from one picture of a batch to the next

@@ -94,7 +94,7 @@ class Folder:
         return sorted(os.listdir(folder)) if folder.exists() else []  # noqa: PTH208 - names
 
     def create(self, name: str) -> BinaryIO:
-        """Open a new file for writing and reading; folders are made, what has its name goes."""
+        """Open a new file to write and read; makes its folders, replaces a file of its name."""
         place = self._place(name, make=True)
         place.unlink(missing_ok=True)
         return place.open("x+b")

@@ -42,7 +42,7 @@ def require_replaceable(
     overwrite: bool = False,
     inputs: frozenset[tuple[int, int]] = frozenset(),
 ) -> None:
-    """Refuse to write where something is that must stay.
+    """Refuse to replace a file or folder that must be kept.
 
     `kind`: of `_BEGINNINGS`, of which a file of ours, or an empty one, may go; `overwrite`: any may
     go, but `inputs`, the `identities` of the files that are read.

@@ -84,7 +84,7 @@ _together: ContextVar[tuple[list[Sibling], Path | None] | None] = ContextVar(
 
 
 def once(function: _OfFile) -> _OfFile:
-    """What a function finds out of a file, found out once as long as the file is as it was."""
+    """The result of a function of a file, cached until the file changes."""
     # more than the files of a job: headers may be large
     found = lru_cache(maxsize=32)(lambda _stamp, *of: function(*of))
 

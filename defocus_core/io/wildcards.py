@@ -1,4 +1,4 @@
-"""Wildcards of a path: the files that it matches, each named by the text that they match."""
+"""Wildcards of paths: the matching files, each named by the text that the wildcards match."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def _xmp(data: bytes) -> Iterator[bytes]:
 
 @contextmanager
 def _unpack(text: str) -> Iterator[Path]:
-    """A file of an image that a property encodes: OpenImageIO reads files alone."""
+    """A temporary file of the image in a property, as OpenImageIO reads only files."""
     data = base64.b64decode(text, validate=False)
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:

@@ -157,7 +157,7 @@ def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
 
 
 def _unpack(data: bytes, size: int, compression: int) -> bytes:
-    """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
+    """Unpacked bytes of a given size; data of this size were never packed."""
     if compression == NONE or len(data) == size:
         unpacked = data
     else:

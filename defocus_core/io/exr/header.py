@@ -87,7 +87,7 @@ class Header:
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Of a file of several cameras, the views that it has channels of."""
+        """The views of a file of several cameras that have channels in it."""
         return (self.view,) if self.view else self.multi_view
 
     @property
@@ -243,7 +243,7 @@ _KINDS = {
 
 
 def _check(name: str, raw: Raw) -> None:
-    """Refuse an attribute that no reader takes, in this file or in one that carries it."""
+    """Refuse an attribute that no reader accepts, here or in an output that carries it."""
     if _KINDS.get(name, raw.kind) != raw.kind:
         raise ValueError(f"{name} is of type {raw.kind}")
     if len(raw.value) != _SIZES.get(raw.kind, len(raw.value)):

@@ -95,7 +95,7 @@ def write_exr_image(
 def _encoded(
     channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, object], codec: Codec
 ) -> io.BytesIO:
-    """The file that OpenEXR makes of channels and attributes, which are none of `Raw`."""
+    """The file that OpenEXR makes of channels and attributes other than `Raw` ones."""
     with delayed_signals():
         import OpenEXR
 
@@ -121,5 +121,5 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
 
 
 def as_half(plane: Any) -> Any:
-    """An array [H, W] as half, clamped; itself if it is."""
+    """An array [H, W] as half, clamped; the array itself if it is half."""
     return plane if plane.dtype == np.float16 else clamped_half(plane)[0]

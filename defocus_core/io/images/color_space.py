@@ -150,7 +150,7 @@ class ColorSpace:
 
 
 def color_space(spec: Any) -> ColorSpace:
-    """How the samples of an OpenImageIO ``spec`` are understood."""
+    """The colour space of the samples of an OpenImageIO ``spec``."""
     kind, stored = str(spec.format), spec.getattribute(PROFILE)
     color_count = spec.nchannels - (spec.alpha_channel >= 0)
     data = b"" if stored is None else sound_profile(bytes(stored), color_count)

@@ -90,7 +90,7 @@ def read_pages(path: Path, *, wanted: str = _WANTED, every_type: bool = False) -
 
 
 def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
-    """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
+    """The chosen image of a file: the only one, or number ``part``, counted from 0.
 
     `pages`: of Raster or Header.
     """
@@ -213,7 +213,7 @@ def _fewer_bits(path: Path, spec: Any) -> int:
 
 
 def _canonical(spec: Any) -> Iterator[str]:
-    """Channel names; a lone or first grey one is Y, and that of a map of ours its own."""
+    """Channel names; a lone or first grey channel is Y, and a map of ours keeps its name."""
     program, _, own = spec.get_string_attribute(OWN_CHANNEL).rpartition(":")
     if spec.nchannels == 1 and f"{program}:" == OWN and own.isidentifier():
         yield own

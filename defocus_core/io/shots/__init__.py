@@ -1,6 +1,6 @@
 """Files of a shot: numbered frames, keys and metadata of a moving lens.
 
-Terms: a shot is a sequence of frames, files that a frame pattern numbers. A gap is a frame that the
-numbering leads to expect and that is not there. A key is a frame and the value of an option there;
-between keys values are interpolated.
+Terms: a shot is a sequence of frames, files that a frame pattern numbers. A gap is a missing
+frame of a regular numbering. A key is a frame and the value of an option there; between keys,
+values are interpolated.
 """

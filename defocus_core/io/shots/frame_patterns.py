@@ -41,7 +41,7 @@ ALL = FrameChoice()
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether a path numbers frames; a file that has such a name is a file."""
+    """Whether a path is a frame pattern; the name of an existing file is none."""
     return _FIELD.search(_with_hashes(path).name) is not None and not path.exists()
 
 
@@ -129,9 +129,9 @@ def chosen(
 
 
 def expected(numbers: Iterable[int]) -> tuple[int, ...]:
-    """The frames that a numbering leads to expect: from the first to the last, at equal steps.
+    """The frames of a regular numbering: from the first to the last, at equal steps.
 
-    The step is the commonest difference of two frames that follow one another.
+    The step is the most common difference of consecutive frames.
     """
     there = sorted(numbers)
     steps = [after - before for before, after in pairwise(there)]

@@ -209,7 +209,7 @@ class TransformWindow:
         return window
 
     def prepare(self) -> None:
-        """Draw the kernels once if they learn, outside of what a backward pass computes again."""
+        """Draw learning kernels once, outside the part that a backward pass recomputes."""
         for slice_index in self.slices if self.requires_grad and self.margin else ():
             self._kernels([slice_index], leaning=True)
 

@@ -62,7 +62,7 @@ class SightLimits(NamedTuple):
         return cls(_greatest_within(slices, radius.detach().abs()), layer_of, octaves)
 
     def crop(self, box: Box) -> SightLimits:
-        """Those in a box."""
+        """The limits in a box."""
         return self._replace(farthest=box.crop(self.farthest))
 
     def to_layer(self, layer_index: int) -> Tensor | None:

@@ -189,7 +189,7 @@ def _slices(
     stride: int,
     slicing: Callable[[_Resolution, list[int], int], Slicing],
 ) -> Slices:
-    """The slices of what is visible and of what is invented, of fine and of coarse resolution."""
+    """The slices of visible and of invented content, at fine and at coarse resolution."""
     fine, coarse = resolutions
     of_hidden = octaves(radii)
     invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))

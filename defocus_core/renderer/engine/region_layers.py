@@ -51,7 +51,7 @@ _SAMPLES_AT_ONCE = 1 << 17
 
 
 class RegionLayers(NamedTuple):
-    """What is seen in the rectangle `outer` of a region."""
+    """The layers in the rectangle `outer` of a region."""
 
     # Visible ones, nearest first, then other kinds; that of the surface that the depth names first
     layers: tuple[SampleLayer, ...]
@@ -186,7 +186,7 @@ def fractions_seen(
 def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Tensor:
     """The discs of highlights behind surfaces, for each part of the aperture.
 
-    Of layers, what hides a part of a light is in its coverage already.
+    The coverage of a light in layers already excludes the parts that others hide.
     """
     radii, (aperture, parts, *_) = place.frame.radii, place.frame.division
     before = seen.layers_of(SOLID) or seen.layers_of(VISIBLE)

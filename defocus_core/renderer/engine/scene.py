@@ -121,10 +121,10 @@ def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> L
 
 
 def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
-    """Colours, radii and coverage of layers: a surface, what is behind, and shares of nearer ones.
+    """Colours, radii and coverage of three layers: a surface, the one behind, and nearer shares.
 
-    A mixed pixel whose depth names the farther surface holds a share of the nearer one before what
-    is known. One whose depth names the nearer surface is whole where it is known what is behind.
+    A mixed pixel whose depth is of the farther surface has a share of the nearer one before it. A
+    mixed pixel whose depth is of the nearer surface is whole where the surface behind is known.
     """
     (image, visible), (color, radius, known) = (surface.image, surface.signed_radius), hidden
     behind, whole = known & (radius > visible), torch.ones_like(visible).detach()
@@ -195,7 +195,7 @@ class InFocus(NamedTuple):
 
 
 def _chosen(picture: Tensor, channels: Sequence[int]) -> Tensor:
-    """Some channels of a picture [..., C, H, W]; itself of all of them."""
+    """Channels of a picture [..., C, H, W]; the picture itself if all are wanted."""
     some = list(channels)
     return picture if len(some) == picture.shape[-3] else picture[..., some, :, :]
 

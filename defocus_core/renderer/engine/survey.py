@@ -38,7 +38,7 @@ class Ranks:
 
     @classmethod
     def counted(cls, values: Tensor) -> Ranks:
-        """The numbers [...] of float32 or float64, counted where they are."""
+        """Ranks of numbers [...] of float32 or float64, counted on their device."""
         positive = values.clamp(min=0).abs_()  # not even -0
         bits = positive.view(torch.int64 if positive.dtype.itemsize == 8 else torch.int32)
         first = bits.flatten() >> (positive.dtype.itemsize * 8 - _BITS)

@@ -160,7 +160,7 @@ class HiddenQueries(NamedTuple):
 
 
 class SurfaceTable(NamedTuple):
-    """The surfaces of some levels, as they are looked up: of all levels one after another."""
+    """The surfaces of several levels, concatenated for look-ups."""
 
     values: Tensor  # [2 N, K] the farthest surface of each coarse pixel, then the next ones
     limits: Tensor  # [2, 2 N] their weights and least radii

@@ -15,7 +15,7 @@ from defocus_core.tensors.views import ViewTensors
 
 
 class Alpha(Enum):
-    """Where the alpha of views comes from."""
+    """The source of the alpha of views."""
 
     NONE = "a picture without alpha"
     # Of one sample a pixel, for what is continued behind its edges may be nothing

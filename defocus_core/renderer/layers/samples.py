@@ -103,7 +103,7 @@ class Layered(NamedTuple):
 
     @property
     def alpha(self) -> Alpha:
-        """Where the alpha of its views comes from."""
+        """The source of the alpha of the views."""
         return Alpha.BLURRED if self.deepest == 1 else Alpha.COVERED
 
     def nearest(self) -> Tensor:
@@ -128,7 +128,7 @@ class Layered(NamedTuple):
         return in_bands(lambda box: function(box).to(self.dtype), size, device)
 
     def radii(self, box: Box) -> tuple[Tensor, Tensor]:
-        """Radii and coverage [L, h, w] in a box; the radius of nothing where it is 0."""
+        """Radii and coverage [L, h, w] in a box; the farthest radius where coverage is 0."""
         radius, coverage = (box.crop(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
         return torch.where(coverage > 0, radius, self.limits[1]), coverage
 
@@ -226,7 +226,7 @@ class SampleStack(NamedTuple):
 
 
 def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
-    """Up to 0 where radii [..., h, w] px are of one surface, from 1 on of two."""
+    """Separation of radii [..., h, w] px: 0 or less within one surface, 1 or more between two."""
     step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
     return 2 * (radius - nearer) / step - 1
 
