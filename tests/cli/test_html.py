@@ -1,7 +1,5 @@
 """``--html``: what the reports hold, and that their commands do it."""
 
-import shutil
-
 import numpy as np
 import pytest
 from command_line import run, write_exr
@@ -45,14 +43,6 @@ def test_all_pairs_are_items_with_what_they_have(folders):
     assert keys(item(file, "same.exr"), valued=True) == []
     assert keys(item(file, "gone.exr")) == ["a"]
     assert keys(item(file, "bad.exr")) == []
-
-
-def test_a_report_is_the_same_file_however_many_processes_drew(folders):
-    for number in range(3):
-        for folder in folders:
-            shutil.copy(folder / "shifted.exr", folder / f"more{number}.exr")
-    one = compared(folders, "--processes", "1").read_bytes()
-    assert compared(folders, "--processes", "2").read_bytes() == one
 
 
 def test_values_of_eight_bits_and_of_maps_are_kept_as_they_are(tmp_path):

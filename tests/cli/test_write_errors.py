@@ -88,7 +88,7 @@ def test_a_document_that_cannot_be_told_is_an_error(
         told = capfd.readouterr().err.splitlines()
         assert told[-1].startswith(f"defocus: stdout: {problem}")
         assert len(told) == 1 + (words is done)
-    for words in (["help"], ["help", "depth"], ["--help"], ["--version"], ["info", "-h"], []):
+    for words in (["help", "depth"], ["--version"], []):
         ran = shell(redirected, *words)
         assert (ran.returncode, ran.stderr.count("\n")) == (3, 1)
 

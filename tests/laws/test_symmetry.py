@@ -55,19 +55,6 @@ def test_a_quarter_turn_changes_nothing(size, kind, quality):
     assert worst(difference, 0.0) < EXACT
 
 
-def test_pictures_of_a_batch_do_not_know_of_each_other():
-    # as bright, as steep and as far as they are: a limit of one of them is none of another
-    spans, size = [(-14.0, -0.9), (3.4, 8.1), (-1.0, 1.5), (0.5, 12.7), (2.0, 2.4)], (41, 64)
-    radii = torch.full((len(spans), *size), 0.0)
-    for number, (nearest, farthest) in enumerate(spans):
-        radii[number] = farthest
-        radii[number, 8:30, 5 + 6 * number : 35] = nearest
-    images = torch.stack([(0.7 + 0.06 * number) * pattern(size) for number in range(len(spans))])
-    images = images.float()
-    for number, together in enumerate(render(images, radii).render):
-        assert torch.equal(together, render(images[number], radii[number]).render)
-
-
 @pytest.mark.parametrize("channels", [1, 4, 7])
 def test_channels_do_not_know_of_each_other(channels):
     """But for mixed pixels, which all channels together take apart: there are none in a slope."""

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from defocus_core import Aperture, PupilImage, render, render_layers
+from defocus_core import Aperture, PupilImage, render
 from defocus_core.optics.parts import LEFT
 
 CURVED = Aperture(5, 33.0, curvature=0.6)
@@ -163,14 +163,3 @@ def test_a_pupil_without_light_in_its_middle_leaves_white_white():
     radius[10:30, 12:30] = -4.0
     white = render(torch.ones(1, 40, 44), radius, aperture=corners, left_right=True)
     assert all((view - 1).abs().max() < 1e-5 for view in white.images)
-
-
-def test_a_picture_of_a_pupil_leaves_white_layers_white_and_keeps_their_alpha():
-    coverage = torch.ones(2, 40, 44)
-    coverage[0] = torch.linspace(0, 1, 44)
-    radius = torch.stack([torch.full((40, 44), -4.0), torch.full((40, 44), 8.0)])
-    views = render_layers(coverage[:, None], radius, coverage, aperture=IMAGE)
-    assert (views.render - 1).abs().max() < 1e-5
-    only = render_layers(coverage[:1, None], radius[:1], coverage[:1], aperture=IMAGE).render
-    torch.testing.assert_close(only[0], only[1], atol=1e-5, rtol=0)
-    assert float(only[1].sum()) == pytest.approx(float(coverage[0].sum()), rel=0.02)

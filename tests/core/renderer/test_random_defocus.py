@@ -24,16 +24,6 @@ def depth(batch=3):
     return ramp * torch.arange(1, batch + 1)[:, None, None, None]
 
 
-def test_a_sample_is_the_same_in_any_batch():
-    def tensors(views, lenses):
-        return [*views.images, views.trust, *lenses]
-
-    whole = tensors(*RandomDefocus(left_right=True)(image(), depth(), [5, 6, 7]))
-    alone = tensors(*RandomDefocus(left_right=True)(image()[1:2], depth()[1:2], torch.tensor([6])))
-    for together, single in zip(whole, alone, strict=True):
-        torch.testing.assert_close(together[1:2], single, rtol=0, atol=0)
-
-
 @pytest.mark.parametrize("first", [0, *(pytest.param(n, marks=pytest.mark.bench) for n in (1, 2))])
 @pytest.mark.parametrize("back", ["compiled", "torch"])
 def test_a_picture_of_any_batch_is_what_it_is_alone(back, first):

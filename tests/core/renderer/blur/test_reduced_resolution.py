@@ -42,16 +42,6 @@ def test_a_wide_blur_is_nearly_that_at_full_resolution(r, bound):
 
 
 @pytest.mark.usefixtures("halved_early")
-def test_regions_leave_no_seam(monkeypatch):
-    image, radius = scene((300, 420), 9.0)
-    whole = render(image, radius, left_right=True)
-    monkeypatch.setattr(tiling, "REGION", 128)
-    parts = render(image, radius, left_right=True)
-    assert worst(parts.render, whole.render) < EXACT
-    assert worst(parts.left, whole.left) < EXACT
-
-
-@pytest.mark.usefixtures("halved_early")
 def test_depth_has_gradients():
     image, radius = scene((12, 14), 5.0)
     radius = (radius + 0.3 * torch.rand(12, 14, dtype=torch.float64)).requires_grad_()
