@@ -3,15 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from command_line import (
-    color_exr,
-    depth_exr,
-    files_under,
-    header,
-    pair,
-    photograph,
-    render,
-)
+from command_line import color_exr, depth_exr, files_under, header, pair, photograph, render
 
 from defocus_cli.commands.render import command
 from defocus_core.io.images.raster import read_samples

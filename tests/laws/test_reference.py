@@ -5,15 +5,7 @@ import math
 import pytest
 import torch
 from measures import centroid, inner
-from reference import (
-    forward_splat,
-    kernel,
-    layered,
-    left,
-    lens_points,
-    one_plane,
-    polygon,
-)
+from reference import forward_splat, kernel, layered, left, lens_points, one_plane, polygon
 from scenes import RADII, SIZE, card_layers, highlight, plane, sharp_card, white
 from tolerances import ROUNDING
 

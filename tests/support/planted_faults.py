@@ -710,8 +710,7 @@ KINDS: dict[str, Kind] = {
     "smeared": _light(("softer",), lambda m, s: _bilateral(m.light, _between(0.04, 0.2)(s))),
     "noise": _light(("noise",), lambda m, s: m.noisy(_between(0.003, 0.06)(s))),
     "another seed": Kind(
-        ("noise",),
-        lambda m, s: tuple(_rgb(m.noisy(_between(0.003, 0.06)(s))) for _ in "ab"),
+        ("noise",), lambda m, s: tuple(_rgb(m.noisy(_between(0.003, 0.06)(s))) for _ in "ab")
     ),
     "dithered": _shown(
         ("noise", "too small to name"),
@@ -739,8 +738,7 @@ KINDS: dict[str, Kind] = {
     "moved by sinc": _light(("shifted",), _moved_by_sinc),
     # Of geometry.
     "red moved": _light(
-        ("shifted",),
-        lambda m, s: of_channel(m.light, 0, warped(m.light, dx=_between(0.1, 2)(s))),
+        ("shifted",), lambda m, s: of_channel(m.light, 0, warped(m.light, dx=_between(0.1, 2)(s)))
     ),
     "blue enlarged": _light(
         ("scaled",),
