@@ -131,9 +131,8 @@ def _with_lenses(
     for picture in pictures:
         lens, metadata = lenses.lens_of(picture)
         if verbose and metadata and metadata != said:
-            words = ", ".join(
-                f"{n} {each.text} ({each.place.field})" for n, each in metadata.items()
-            )
+            named = (f"{n} {x.text} ({x.place.field})" for n, x in metadata.items())
+            words = ", ".join(named)
             console.stderr(f"{picture.color}: {words}")
             said = metadata
         yield picture, lens

@@ -92,9 +92,8 @@ class PictureLenses:
         places = {} if self.animation is None else self.animation.places
         tables = [*((options, "[sweep]") for options in self.points.values())]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
-            refuse_repeated(
-                layer, {name: words for name, words in places.items() if words != table}
-            )
+            elsewhere = {name: words for name, words in places.items() if words != table}
+            refuse_repeated(layer, elsewhere)
             places |= {same: table for name in layer for same in alternatives(name)}
         return places
 

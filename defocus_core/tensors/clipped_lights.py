@@ -298,9 +298,8 @@ def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _La
         for fractions in (_COLORED, _WHITE)
     )
     small = 1 - _step(area.sqrt(), *_interpolated(of_color, of_white, white))
-    apart = 1 - _step(
-        beside / (area * level), *_interpolated(_COLORED_BESIDE, _WHITE_BESIDE, white)
-    )
+    bounds = _interpolated(_COLORED_BESIDE, _WHITE_BESIDE, white)
+    apart = 1 - _step(beside / (area * level), *bounds)
     # excess of the rim over the surroundings, as a share of that of white; for a blob without a
     # rim, whose border is a mixture, the two are about equal in all colours
     glow = ((totals[7 + colors :] / weight.clamp(min=_TINY) - ground) / (1 - ground)).clamp(min=0)

@@ -17,7 +17,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -126,9 +126,7 @@ class Openings(NamedTuple):
     layer_index: Tensor  # [h, w] of the layer that the sample is in; inf where there is none
 
     @classmethod
-    def from_samples(
-        cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]
-    ) -> Openings:
+    def from_samples(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Self:
         """The openings of opaque samples.
 
         `opaque`: radii [L, h, w] px of the samples of each pixel; inf of those that are clear;

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -70,9 +70,7 @@ class Division(NamedTuple):
     pair: slice  # the parts of left and right, which may be those of the centre view
 
     @classmethod
-    def from_aperture(
-        cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None
-    ) -> Division:
+    def from_aperture(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Self:
         """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
         divided = [*aperture.parts(centre)]
         of_centre = of_pair = slice(0, len(divided))

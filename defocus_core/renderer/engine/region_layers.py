@@ -120,9 +120,8 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
     layers, lights = split(visible, layered.colors.shape[1], frame.content.limit)
     if hidden:
         others = [layer._replace(kind=HIDDEN) for layer in hidden]
-        sight = Openings.from_samples(stack.opaque(), frame.radii, slices.visible.layers).crop(
-            place.core
-        )
+        sight = Openings.from_samples(stack.opaque(), frame.radii, slices.visible.layers)
+        sight = sight.crop(place.core)
     solid = SampleLayer.whole(stack.color[0, :0], stack.solid(layered.limits[1]))
     others.append(solid._replace(kind=SOLID))
     if layered.open and layered.is_continued:

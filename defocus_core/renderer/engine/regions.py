@@ -90,9 +90,8 @@ class Region:
         self._in_scene: Tensor | float = 1.0
         if frame.cut:
             self._in_scene = fractions_seen(place, seen, frame.scene, division.parts)
-        self._range = ColorRange.from_channels(
-            frame.content.channels, self._like, frame.content.minimum
-        )
+        channels, minimum = frame.content.channels, frame.content.minimum
+        self._range = ColorRange.from_channels(channels, self._like, minimum)
         self._traces = [
             torch.cat(layer.crop(place.core).light_and_coverage) for layer in seen.layers_of(TRACE)
         ]
