@@ -149,10 +149,10 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
         if step in (SHOW, FILL):
             row, invented = rows[slot], F32(step == FILL)
             add_behind(front, row, ends[0, slot], ends[1, slot], invented, sight, needed[slot])
-        elif step == MARK:
-            covered[:] = front[3]
-        elif step == BEFORE:
-            before[:] = front[3]
+        elif step in (MARK, BEFORE):
+            marked = covered if step == MARK else before
+            for x in range(front.shape[1]):
+                marked[x] = front[3, x]
         elif step == ASIDE:
             set_aside(front, covered, before, aside)
         elif step == CLOSE:

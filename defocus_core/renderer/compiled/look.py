@@ -23,7 +23,7 @@ _SHARP = 0.15
 _STEP, _TOGETHER, _OFF, _FRACTION = off_round(2.5), 0.5, off_round(0.02), 0.1
 _MATTERS, _ABRUPT, _AVERAGE, _LEVEL, _AVERAGES = off_round(1.0), 0.5, 0.1, 0.1, 64
 _ALIKE, _SMALL, _SMALL_MATTERS, _LEAST, _MOST = 0.5, 0.5, 0.03, off_round(0.2), off_round(1.0)
-_FEW, _VOTES = 32, 20
+_FEW = 32
 _WITHIN, _WITHIN_FRACTION = 60, 0.25
 
 
@@ -36,7 +36,7 @@ class Look(NamedTuple):
     in_focus: int  # pixels
     plain: bool  # whether it is finite, without highlights, and float32 is fine enough
     clean: bool  # whether its depth needs no repair, but perhaps that of displaced edges
-    hard: bool  # whether edges may be displaced
+    hard: float  # px, the least step of a hard edge
 
 
 @entry
@@ -75,15 +75,16 @@ def look(image, radius, infinity, by):
     clean = not _is_noisy(radius) and not _is_quantised(radius)
     clean = clean and (step <= MINIMUM or _has_no_ramps(radius, min(steep, of_small)))
     clean = clean and (step <= _MATTERS / 6 or _are_no_averages(radius, infinity))
-    hard = step > HARD_STEP * steep and _rises(radius, HARD_STEP * steep) > _VOTES
-    return (least, most), channels, step, in_focus, plain, clean, hard
+    return (least, most), channels, step, in_focus, plain, clean, HARD_STEP * steep
 
 
 @compiled
 def _is_plain(image, channels):
     """Whether a picture has no highlights, and float32 is fine enough for it."""
-    brightest, darkest = channels[:, 1].max(), channels[:, 0].min()
-    size, limit, pixels = max(brightest, -darkest), max(brightest, 0.0), image[0].size
+    brightest = max(channels[0, 1], max(channels[1, 1], channels[2, 1]))
+    darkest = min(channels[0, 0], min(channels[1, 0], channels[2, 0]))
+    size, limit = max(brightest, -darkest), max(brightest, 0.0)
+    pixels = image.shape[1] * image.shape[2]
     if size > _SQUARED or 0 < size < 1 / _SQUARED:
         return False
     ordinary = black = dark = 0
@@ -207,35 +208,28 @@ def _are_no_averages(radius, infinity):
                             r = F32(1) / max(F32(infinity) - r, F32(INFINITE))
                         values[k] = r
                     counts[quantity] += _is_average(values)
-    return counts.max() <= _AVERAGES
+    return max(counts[0], counts[1]) <= _AVERAGES
 
 
 @compiled
 def _is_average(values):
     """Whether the middle one of seven values is on a narrow edge, between both surfaces."""
-    within = values[2:5].max() - values[2:5].min()
-    near, whole = values[1:6].min(), values.max() - values.min()
-    size, level = values[1:6].max() - near, F32(_LEVEL) * whole
+    near, far = values[3], values[3]
+    within = size = whole = least = F32(0)
+    for k in range(1, 4):
+        near = min(near, min(values[3 - k], values[3 + k]))
+        far = max(far, max(values[3 - k], values[3 + k]))
+        whole = far - near
+        if k == 1:
+            within = whole
+        if k == 2:
+            size, least = whole, near
+    level = F32(_LEVEL) * whole
     rising = falling = True
     for k in range(1, 5):
         rising &= values[k + 1] - values[k] >= -level
         falling &= values[k + 1] - values[k] <= level
-    place = (values[3] - near) / (size if size > 0 else F32(1))
+    place = (values[3] - least) / (size if size > 0 else F32(1))
     ends = min(abs(values[1] - values[0]), abs(values[6] - values[5]))
     on_edge = (rising or falling) and ends < level and _AVERAGE < place < 1 - _AVERAGE
     return on_edge and within > F32(_ABRUPT) * whole
-
-
-@compiled
-def _rises(radius, least):
-    """How many pixels have a neighbour that is farther by more than a step."""
-    height, width = radius.shape
-    count = 0
-    for y in range(height):
-        for x in range(width):
-            r, rise = radius[y, x], F32(0)
-            for v, u in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
-                if 0 <= v < height and 0 <= u < width:
-                    rise = max(rise, radius[v, u] - r)
-            count += rise > least
-    return count

@@ -22,27 +22,14 @@ _MIDDLE, _LIGHT = len(_SQUARED) // 2, 1e-20
 _TINY, _SMALLEST = math.sqrt(float(np.finfo(np.float32).tiny)), float(np.finfo(np.float32).tiny)
 
 
-@entry
-def find_edges(radius):
-    """The pixels on edges [H, W] uint8, and the radius between both sides there; says if any."""
-    height, width = radius.shape
-    least, most = np.empty(width, np.float32), np.empty(width, np.float32)
-    edge, border = np.empty((height, width), np.uint8), np.empty((height, width), np.float32)
-    found = False
-    for y in range(height):
-        up, down = max(y - 1, 0), min(y + 1, height - 1)
-        for x in range(width):
-            a, b, c = radius[up, x], radius[y, x], radius[down, x]
-            least[x], most[x] = min(a, min(b, c)), max(a, max(b, c))
-        for x in range(width):
-            left, right = max(x - 1, 0), min(x + 1, width - 1)
-            near = min(least[left], min(least[x], least[right]))
-            far = max(most[left], max(most[x], most[right]))
-            edge[y, x] = far - near > EDGE
-            if edge[y, x]:
-                border[y, x] = near + (far - near) * HALFWAY
-                found = True
-    return edge, border, found
+@compiled
+def _range_around(radius, y, x):
+    """The least and the greatest radius within a px of a pixel."""
+    least, most = radius[y, x], radius[y, x]
+    for v in range(max(y - 1, 0), min(y + 2, radius.shape[0])):
+        for u in range(max(x - 1, 0), min(x + 2, radius.shape[1])):
+            least, most = min(least, radius[v, u]), max(most, radius[v, u])
+    return least, most
 
 
 @entry
@@ -85,21 +72,23 @@ def _side_of(colors, radii, weight, side):
 
 
 @compiled
-def _thin_side(colors, radii, weight, mask, other, side, room):
+def _thin_side(square, s, sides, room):
     """A side all of whose pixels are on the edge: those least like the other hold most of it."""
-    most = _SMALLEST
+    colors, radii, near, weight, _ = square
+    side, other, most = sides[s], sides[1 - s], _SMALLEST
     for k in range(weight.shape[0]):
         room[k] = 0.0
-        if weight[k] > 0 and mask[k]:
+        if weight[k] > 0 and near[k] == (s == 0):
             for c in range(3):
                 off = colors[k, c] - other[c]
                 room[k] += off * off
             most = max(most, room[k])
     for k in range(weight.shape[0]):
         pure = room[k] / most
-        room[k] = weight[k] * pure * pure * pure * pure if mask[k] else 0.0
+        room[k] = weight[k] * pure * pure * pure * pure
     total = _side_of(colors, radii, room, side)
-    side[3:6] = other[3:6]
+    for c in range(3, 6):
+        side[c] = other[c]
     return total
 
 
@@ -175,18 +164,18 @@ def _has_step(radius, y, x):
 
 
 @compiled
-def _read_square(picture, edges, y, x, square):
-    """Read the square around a pixel, and weights; picture, edges: as of `split_mixed`."""
-    (image, scale, limit), radius, (edge, border) = picture[:3], picture[3], edges
+def _read_square(picture, border, y, x, square):
+    """Read the square around a pixel, and weights; picture: as of `split_mixed`."""
+    image, scale, limit, radius = picture
     colors, radii, near, weight, on_edge = square
     height, width = radius.shape
-    r0, middle = radius[y, x], border[y, x]
-    own = r0 < middle
+    r0, own = radius[y, x], radius[y, x] < border
     for k in range(_SIDE * _SIDE):
         row = min(max(y + k // _SIDE - AROUND, 0), height - 1)
         column = min(max(x + k % _SIDE - AROUND, 0), width - 1)
         r = radius[row, column]
-        radii[k], near[k], on_edge[k] = r, r < middle, edge[row, column]
+        least, most = _range_around(radius, row, column)
+        radii[k], near[k], on_edge[k] = r, r < border, most - least > EDGE
         brightest = 0.0
         for c in range(3):
             colors[k, c] = image[c, row, column] * scale
@@ -197,48 +186,42 @@ def _read_square(picture, edges, y, x, square):
 
 
 @compiled
-def _find_sides(square, sides, thin, part, room, mask):
+def _find_sides(square, sides, room):
     """Both surfaces of a square, the nearer one first: sides [2, 7]; says if they are known."""
     colors, radii, near, weight, on_edge = square
-    known = True, True
+    first = second = False
     for s in range(2):
-        for k in range(part.shape[0]):
-            part[k] = weight[k] if near[k] == (s == 0) and not on_edge[k] else 0.0
-        there = _side_of(colors, radii, part, sides[s]) > 0
-        known = (there, known[1]) if s == 0 else (known[0], there)
-    if known[0] == known[1]:
-        return known[0]
-    s = 1 if known[0] else 0
-    for k in range(part.shape[0]):
-        mask[k] = near[k] == (s == 0)
-    if _thin_side(colors, radii, weight, mask, sides[1 - s], thin[s], room) <= 0:
-        return False
-    sides[s] = thin[s]
-    return True
+        for k in range(room.shape[0]):
+            room[k] = weight[k] if near[k] == (s == 0) and not on_edge[k] else 0.0
+        first, second = second, _side_of(colors, radii, room, sides[s]) > 0
+    if first == second:
+        return first
+    return _thin_side(square, np.int64(first), sides, room) > 0
 
 
 @entry
-def split_mixed(picture, edges, light, radii):
+def split_mixed(picture, light, radii):
     """Take mixed pixels apart: light [2, H, 4 W] of their own surface, and of nearer ones.
 
     picture: [3, H, W] colours, a scale of theirs, the brightness that a highlight exceeds, and
-    radii [H, W]; edges: of `find_edges`; light: that of the picture, and 0; radii: [2, H, W].
-    Returns whether any holds a nearer surface besides its own.
+    radii [H, W]; light: that of the picture, and 0; radii: [2, H, W], theirs. Returns whether any
+    holds a nearer surface besides its own.
     """
-    radius, edge, count = picture[3], edges[0], _SIDE * _SIDE
+    radius, count = picture[3], _SIDE * _SIDE
     square = (
         *(np.empty((count, 3)), np.empty(count), np.empty(count, np.bool_)),
         *(np.empty(count), np.empty(count, np.bool_)),
     )
     colors, near = square[0], square[2]
-    sides, thin, part, room = np.empty((2, 7)), np.empty((2, 7)), np.empty(count), np.empty(count)
-    mask, found = np.empty(count, np.bool_), False
+    sides, room, found = np.empty((2, 7)), np.empty(count), False
     for y in range(radius.shape[0]):
         for x in range(radius.shape[1]):
-            if not edge[y, x] or not _has_step(radius, y, x):
+            least, most = _range_around(radius, y, x)
+            if most - least <= EDGE or not _has_step(radius, y, x):
                 continue
-            _read_square(picture, edges, y, x, square)
-            if not _find_sides(square, sides, thin, part, room, mask):
+            border = F32(least + (most - least) * HALFWAY)
+            _read_square(picture, border, y, x, square)
+            if not _find_sides(square, sides, room):
                 continue
             is_near = near[_MIDDLE]
             own, other = (sides[0], sides[1]) if is_near else (sides[1], sides[0])

@@ -12,7 +12,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from defocus_core.depth.displacement import measured_shifts
 from defocus_core.depth.ramps import reduction
 from defocus_core.renderer.compiled import back
 from defocus_core.renderer.compiled.back import HiddenSamples, Samples
@@ -20,7 +19,8 @@ from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.carried import CHANNELS, by_loops, carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.look import Look, look
-from defocus_core.renderer.compiled.mixed import find_edges, set_light, split_mixed
+from defocus_core.renderer.compiled.mixed import set_light, split_mixed
+from defocus_core.renderer.compiled.shifts import may_be_shifted
 from defocus_core.renderer.engine.frame import Division, RegionPlace, SharedFrame
 from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.engine.settings import Settings, quality_of
@@ -48,8 +48,8 @@ def rendered_alone(surface: Surface, settings: Settings) -> ViewTensors | None:
     widest = max(-seen.range[0], seen.range[1])
     if not (as_is and seen.plain) or widest > _WIDEST or plane_of(*seen.range) is not None:
         return None
-    may_shift = seen.hard and settings.depth_repair == "auto"
-    if may_shift and measured_shifts(surface.signed_radius, surface.image) is not None:
+    looks = settings.depth_repair == "auto" and seen.step > seen.hard
+    if looks and may_be_shifted(image, radius, np.float32(seen.hard)):
         return None
     limit, minimum = max(seen.channels.max(), 0.0), min(seen.channels.min(), 0.0)
     unit, left = _unit(limit), 0.5
@@ -184,15 +184,14 @@ def samples_of(
 
     limits: of its radii; limit: of its light; edges: whether surfaces hide others.
     """
-    *found, any_edge = find_edges(radius) if edges else (False,)
-    light = _few((1 + any_edge, radius.shape[0], 4 * radius.shape[1]))
+    light = _few((1 + edges, radius.shape[0], 4 * radius.shape[1]))
     scale, limit = np.float32(1 / unit), limit / unit
     set_light(image, scale, light[0])
     radii = radius[None]
-    if any_edge:
+    if edges:
         radii = _few((2, *radius.shape))
         radii[0] = radius
-        if not split_mixed((image, scale, np.float32(limit), radius), tuple(found), light, radii):
+        if not split_mixed((image, scale, np.float32(limit), radius), light, radii):
             light, radii = light[:1], radii[:1]
     samples = Samples(light, radii, limits)
     return samples._replace(hidden=hidden_of(samples, limit)) if edges else samples

@@ -60,12 +60,14 @@ def _dilate(values, by, square, rows, out):
     height, width = values.shape
     given = rows if square else values
     for y in range(height):
-        rows[y] = values[y]
-        for other in (y - by, y + by):
-            if 0 <= other < height:
-                for x in range(width):
-                    rows[y, x] = max(rows[y, x], values[other, x])
-        out[y] = rows[y]
+        above, below = max(y - by, 0), min(y + by, height - 1)
+        for x in range(width):
+            greatest = values[y, x]
+            if y >= by:
+                greatest = max(greatest, values[above, x])
+            if y + by < height:
+                greatest = max(greatest, values[below, x])
+            rows[y, x] = out[y, x] = greatest
         for x in range(by, width):
             out[y, x] = max(out[y, x], given[y, x - by])
         for x in range(width - by):

@@ -5,10 +5,12 @@ import pytest
 import torch
 from measures import worst
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT
 from defocus_core.renderer.compiled import carried
+from defocus_core.renderer.compiled.alone import views_alone
 from defocus_core.renderer.compiled.openings import STEPS, opening
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
@@ -159,3 +161,50 @@ def test_pairs_that_the_compiled_back_does_not_carry_lie_about_its_centre():
     )
     assert torch.equal(alone.render, about.render)
     assert worst(about.left + about.right, 2 * about.render) < 1e-5
+
+
+def test_pictures_that_loops_render_alone_are_those_of_the_renderer():
+    settings, count = Settings(left_right=True), 0
+    for seed in range(12):
+        surface = Surface(*random_scene(seed))
+        alone, found = views_alone(surface, settings), Renderer(surface, settings).picture()
+        if alone is not None:
+            count += 1
+            assert max(worst(a, b) for a, b in zip(alone.images, found.images, strict=True)) < 1e-6
+            assert worst(alone.trust, found.trust) < 1e-6
+            assert alone.stats == found.stats
+    assert count > 6
+
+
+def soft(radius):
+    return torch.nn.functional.avg_pool2d(radius[None, None], 3, 1, 1, count_include_pad=False)[
+        0, 0
+    ]
+
+
+def shifted(radius):
+    return torch.nn.functional.max_pool2d(-radius[None, None], 7, 1, 3).neg()[0, 0]
+
+
+RISE = torch.linspace(0, 12, 144)
+IN_NEED = {
+    "noise": lambda radius: radius + 0.2 * torch.rand(radius.shape, generator=seeded()),
+    "averages": soft,
+    "wide edges": lambda radius: soft(soft(soft(radius))),
+    "displaced edges": shifted,
+    "levels": lambda radius: torch.round(2 * (radius + RISE + RISE[:, None])) / 2,
+}
+
+
+def seeded():
+    return torch.Generator().manual_seed(4)
+
+
+@pytest.mark.parametrize("need", IN_NEED)
+def test_depth_that_needs_repair_is_not_rendered_by_loops_alone(need):
+    image, radius = card(-4.0, 4.0, 144, dark=0.3)
+    settings = Settings()
+    assert views_alone(Surface(image, radius), settings) is not None
+    surface = Surface(image, IN_NEED[need](radius))
+    assert Renderer(surface, settings).repair != DepthRepair()
+    assert views_alone(surface, settings) is None
