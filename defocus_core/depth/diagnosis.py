@@ -315,19 +315,15 @@ def _evidence(
     band = (above, above + rows[1] - rows[0])
     within = slice(*band)
     r, steps = around[within], [around.diff(dim=dim) for dim in (-2, -1)]
-    sizes = [step.abs() for step in steps]
-    greatest = [size.amax() for size in sizes if size.numel()]
-    steepest = float(torch.stack(greatest).amax()) if greatest else 0.0
-    limits = range_of(r)
+    sizes, limits = [step.abs() for step in steps], range_of(r)
     softest, averaged = limits.new_zeros(()), limits.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
-    if steepest > MINIMUM:
+    greatest = [size.amax() for size in sizes if size.numel()]
+    if greatest and float(torch.stack(greatest).amax()) > MINIMUM:
         slope = steepness(around)
-        softest = softness(slope)[within].amax()
-        ramps = (slope[within] > STEEP).sum()
+        softest, ramps = softness(slope)[within].amax(), (slope[within] > STEEP).sum()
         averaged = averages(around, band, infinity)
-    scatter = scatter_counts(steps, band, steepest)
-    counts = steps_of([size[within] for size in sizes], steepest)
+    scatter, counts = scatter_counts(steps, band), steps_of([size[within] for size in sizes])
     return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)
 
 

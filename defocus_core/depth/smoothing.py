@@ -20,7 +20,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     flat_nonzero,
@@ -56,7 +55,7 @@ _HALF = [
 _OUTSIDE = 1e18
 
 
-def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) -> Tensor:
+def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     """Histogram [_INTERVALS + 3] of scatter in rows of a frame.
 
     How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
@@ -75,15 +74,9 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) 
     ]
     before, after = (torch.cat(both) for both in zip(*pairs, strict=True))
     limits = _interval_limits().to(before)
-    apart = torch.zeros((), dtype=torch.long, device=before.device)
-    if steepest < float(limits[0]):  # so is no pixel far from the mean of its neighbours
-        counts = torch.zeros(len(limits) + 1, dtype=torch.long, device=before.device)
-        counts[0] = before.numel()
-        return torch.cat([apart[None], counts])
-    beyond = torch.mul(before, after).clamp_(max=0).bool()
-    if launches_cost(before.device) or steepest > _STEP:
-        far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
-        apart, beyond = torch.count_nonzero(far), beyond & ~far
+    far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
+    apart = torch.count_nonzero(far)
+    beyond = torch.mul(before, after).clamp_(max=0).bool() & ~far
     off = ((masked_values(after, beyond) - masked_values(before, beyond)).abs_() / 2).flatten()
     counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
     counts[0] += before.numel() - len(off) - apart
@@ -152,19 +145,20 @@ _ROUNDS = 4
 AROUND_TERRACES = _NEAR * _ROUNDS
 
 
-def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
+def steps_of(sizes: list[Tensor]) -> Tensor:
     """The numbers [2, 4] of steps: all, zero, too small to matter, too small for an edge.
 
     `sizes`: [H, W] of steps in px from each pixel of a part of a frame to the next, down and
     across.
     """
-    none = torch.zeros((), dtype=torch.long, device=sizes[0].device)
     larger = [
-        torch.count_nonzero(exceeding(size, bound)) if steepest > bound else none
+        torch.count_nonzero(exceeding(size, bound))
         for size in sizes
         for bound in (0.0, _LEAST, _MOST)
     ]
-    counts = torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4).to(none.device)
+    counts = (
+        torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4).to(sizes[0].device)
+    )
     counts[:, 1:] -= torch.stack(larger).view(2, 3)
     return counts
 

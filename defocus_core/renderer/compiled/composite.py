@@ -81,13 +81,6 @@ def add_behind(front, layer, first, last, invented, sight, needed):
 
 
 @compiled
-def _add_all_behind(front, layer, invented, sight):
-    """Add a layer behind a row, wherever the lens sees."""
-    last = layer.shape[1] - 1
-    add_behind(front, layer, np.int64(0), last, invented, sight[:0], np.uint8(0))
-
-
-@compiled
 def set_aside(front, covered, before, aside):
     """Go on as if what covers a row nearer than focus were not there.
 
@@ -159,7 +152,8 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
             close_gaps(front, aside)
         elif step == FILL_ALL:
             if _whole_hidden(rows, ends, sides, sight, needed, whole, room[0]):
-                _add_all_behind(front, whole, F32(1), sight)
+                last = np.int64(front.shape[1] - 1)
+                add_behind(front, whole, np.int64(0), last, F32(1), sight[:0], np.uint8(0))
         elif step == TOGETHER:
             put_together(front, aside)
 
@@ -183,6 +177,7 @@ def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
                     for i in range(4):
                         total[i, x] += rows[slot, i, x]
         if some:
-            _add_all_behind(whole, total, F32(0), sight)
+            last = np.int64(whole.shape[1] - 1)
+            add_behind(whole, total, np.int64(0), last, F32(0), sight[:0], np.uint8(0))
             found = True
     return found

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from defocus_core.depth.ramps import HARD_STEP, INFINITE, MINIMUM, STEEP
 from defocus_core.renderer.compiled.jit import compiled, entry
@@ -19,7 +18,6 @@ from defocus_core.tensors.ties import off_round
 F32 = np.float32
 _GREATEST, _BRIGHTEST = 1e8, 1e30
 _ORDINARY, _RANGE, _SQUARED, _BLACK = 0.995, 1e3, 1e15, 9.2e-41
-_SHARP = 0.15
 _STEP, _TOGETHER, _OFF, _FRACTION = off_round(2.5), 0.5, off_round(0.02), 0.1
 _MATTERS, _ABRUPT, _AVERAGE, _LEVEL, _AVERAGES = off_round(1.0), 0.5, 0.1, 0.1, 64
 _ALIKE, _SMALL, _SMALL_MATTERS, _LEAST, _MOST = 0.5, 0.5, 0.03, off_round(0.2), off_round(1.0)
@@ -27,55 +25,60 @@ _FEW = 32
 _WITHIN, _WITHIN_FRACTION = 60, 0.25
 
 
-class Look(NamedTuple):
-    """Statistics of a picture of three colours that any picture of one surface may have."""
+class DepthLook(NamedTuple):
+    """Statistics of signed radii, and whether they are as they should be."""
 
-    range: tuple[float, float]  # least and greatest signed radius in px
-    channels: NDArray[np.float64]  # [3, 2] least and greatest value of each
-    step: float  # greatest difference of radius between neighbours in px
-    in_focus: int  # pixels
-    plain: bool  # whether it is finite, without highlights, and float32 is fine enough
-    clean: bool  # whether its depth needs no repair, but perhaps that of displaced edges
-    hard: float  # px, the least step of a hard edge
+    range: tuple[float, float]  # least and greatest, px
+    step: float  # px, greatest difference between neighbours
+    usable: bool  # whether all may be rendered
+    clean: bool  # whether they need no repair, but perhaps that of displaced edges
+    hard: float  # px, the least step of an edge that may be displaced
 
 
 @entry
-def look(image, radius, infinity, by):
-    """Look at a picture [3, H, W] of radii [H, W] px.
+def look_at_depth(radius, infinity, by):
+    """Look at radii [H, W] px: the fields of `DepthLook`.
 
     infinity: signed radius of what is infinitely far, or infinite if that is not known; by: how
-    many times as large it is as one whose ramps are all looked at.
+    many times as large they are as a picture whose ramps are all looked at.
     """
     height, width = radius.shape
-    channels, plain = np.empty((3, 2)), True
-    for c in range(3):
-        least, most = F32(np.inf), F32(-np.inf)
-        for y in range(height):
-            for x in range(width):
-                v = image[c, y, x]
-                least, most = min(least, v), max(most, v)
-                plain &= abs(v) <= _BRIGHTEST
-        channels[c, 0], channels[c, 1] = least, most
-    least, most, step, in_focus = F32(np.inf), F32(-np.inf), F32(0), 0
+    least, most, step, usable = F32(np.inf), F32(-np.inf), F32(0), True
     for y in range(height):
         for x in range(width):
             r = radius[y, x]
             least, most = min(least, r), max(most, r)
-            plain &= abs(r) <= F32(_GREATEST)
-            in_focus += abs(r) <= F32(_SHARP)
+            usable &= abs(r) <= F32(_GREATEST)
             if x:
                 step = max(step, abs(r - radius[y, x - 1]))
             if y:
                 step = max(step, abs(r - radius[y - 1, x]))
-    plain &= _is_plain(image, channels)
     within = min(_WITHIN, _WITHIN_FRACTION * min(height, width))
     small = min(_WITHIN, _WITHIN_FRACTION * min(height // by, width // by))
     steep = min(STEEP, max(MINIMUM, (most - least) / within))
     of_small = min(STEEP, max(MINIMUM, (most - least) / by / small))
-    clean = not _is_noisy(radius) and not _is_quantised(radius)
+    clean = usable and not _is_noisy(radius) and not _is_quantised(radius)
     clean = clean and (step <= MINIMUM or _has_no_ramps(radius, min(steep, of_small)))
     clean = clean and (step <= _MATTERS / 6 or _are_no_averages(radius, infinity))
-    return (least, most), channels, step, in_focus, plain, clean, HARD_STEP * steep
+    return (least, most), step, usable, clean, HARD_STEP * steep
+
+
+@entry
+def look_at_light(image):
+    """The least and greatest value [3, 2] of each channel of a picture, and whether it is plain.
+
+    It is if it is finite, has no highlights, and float32 is fine enough for it.
+    """
+    channels, finite = np.empty((3, 2)), True
+    for c in range(3):
+        least, most = F32(np.inf), F32(-np.inf)
+        for y in range(image.shape[1]):
+            for x in range(image.shape[2]):
+                v = image[c, y, x]
+                least, most = min(least, v), max(most, v)
+                finite &= abs(v) <= F32(_BRIGHTEST)
+        channels[c, 0], channels[c, 1] = least, most
+    return channels, finite and _is_plain(image, channels)
 
 
 @compiled

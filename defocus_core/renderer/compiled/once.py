@@ -12,7 +12,7 @@ from defocus_core.optics.outline import Disc
 from defocus_core.renderer.compiled import back
 from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.kept import folder, one_process
-from defocus_core.renderer.compiled.look import look
+from defocus_core.renderer.compiled.look import look_at_depth, look_at_light
 from defocus_core.renderer.compiled.picture import samples_of
 from defocus_core.renderer.compiled.shifts import may_be_shifted
 
@@ -37,9 +37,10 @@ def render_everything() -> None:
     x = np.linspace(-60, 60, _SIZE[1], dtype=np.float32)
     radius = np.where(np.arange(_SIZE[0])[:, None] % 16 < 8, x, -3)
     image = np.random.default_rng(0).random((3, *_SIZE), np.float32)
-    look(image, radius, 1e3, 1)
+    look_at_light(image)
+    look_at_depth(radius, 1e3, 1)
     may_be_shifted(image, radius, np.float32(2))
     bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.0, 0.5, 1.0)
-    samples = samples_of(image, radius, (-60.0, 60.0), 1.0, 1.0, edges=True)
+    samples = samples_of(image, radius, (-60.0, 60.0), 1.0, unit=1.0, edges=True)
     options: dict[str, Any] = {"outline": Disc(), "min_slope": 0.01, "threads": 1}
     back.render(samples, np.zeros((3, 3, 1, 0), np.float32), bounds, edges=True, **options)

@@ -18,10 +18,10 @@ from defocus_core.renderer.compiled.back import HiddenSamples, Samples
 from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.carried import CHANNELS, by_loops, carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
-from defocus_core.renderer.compiled.look import Look, look
+from defocus_core.renderer.compiled.look import DepthLook, look_at_depth, look_at_light
 from defocus_core.renderer.compiled.mixed import set_light, split_mixed
 from defocus_core.renderer.compiled.shifts import may_be_shifted
-from defocus_core.renderer.engine.frame import Division, RegionPlace, SharedFrame
+from defocus_core.renderer.engine.frame import Content, Division, RegionPlace, SharedFrame
 from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.engine.settings import Settings, quality_of
 from defocus_core.renderer.inpainting.disocclusion import EDGE
@@ -39,91 +39,96 @@ _MANY = 1 << 22  # numbers from which on it matters that few pages are touched
 _NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
 
 
+def look_at(surface: Surface, settings: Settings) -> DepthLook:
+    """What is seen of the radii of a surface."""
+    infinity = math.inf if settings.infinity is None else settings.infinity
+    radius = surface.signed_radius.detach().contiguous().numpy()
+    return DepthLook(*look_at_depth(radius, infinity, reduction(radius.shape)))
+
+
+def is_clean(surface: Surface, seen: DepthLook) -> bool:
+    """Whether the depth of a surface needs no repair, for certain."""
+    if not seen.clean or seen.step <= seen.hard:
+        return seen.clean
+    image, radius = (x.detach().float().contiguous().numpy() for x in surface.tensors[:2])
+    return len(image) == CHANNELS and not may_be_shifted(image, radius, np.float32(seen.hard))
+
+
 def rendered_alone(surface: Surface, settings: Settings) -> ViewTensors | None:
     """The views of a surface of three colours; None if something else must look at it."""
-    image, radius = (x.detach().contiguous().numpy() for x in surface.tensors)
-    infinity = math.inf if settings.infinity is None else settings.infinity
-    seen = Look(*look(image, radius, infinity, reduction(radius.shape)))
-    as_is = settings.depth_repair == "off" or seen.clean
+    seen = look_at(surface, settings)
+    each, plain = look_at_light(surface.image.detach().contiguous().numpy())
     widest = max(-seen.range[0], seen.range[1])
-    if not (as_is and seen.plain) or widest > _WIDEST or plane_of(*seen.range) is not None:
+    usable = plain and seen.usable and widest <= _WIDEST and plane_of(*seen.range) is None
+    if not usable or not (settings.depth_repair == "off" or is_clean(surface, seen)):
         return None
-    looks = settings.depth_repair == "auto" and seen.step > seen.hard
-    if looks and may_be_shifted(image, radius, np.float32(seen.hard)):
-        return None
-    limit, minimum = max(seen.channels.max(), 0.0), min(seen.channels.min(), 0.0)
-    unit, left = _unit(limit), 0.5
-    if settings.left_right:
-        left = float(
-            Division.from_aperture(settings.aperture, 1, settings.dual_pixel).left_fraction
-        )
-    bounds = _bounds(seen.channels, minimum, limit, unit, left, settings)
-    samples = samples_of(image, radius, seen.range, limit, unit, edges=seen.step > EDGE)
-    views = 3 if settings.left_right else 1
-    found, negative = back.render(
-        samples,
-        _NO_LIGHTS[:views],
-        bounds,
-        outline=settings.aperture.fixed.outline,
-        min_slope=quality_of(settings.quality).min_slope,
+    channels = tuple((least, greatest) for least, greatest in each.tolist())
+    content = Content(
+        limits=seen.range,
         edges=seen.step > EDGE,
-        threads=settings.threads,
+        tilted=True,
+        minimum=min(0.0, *(least for least, _ in channels)),
+        channels=channels,
+        limit=max(0.0, *(greatest for _, greatest in channels)),
+        highlights=False,
+        double=False,
     )
-    images = [torch.from_numpy(each[:-1] * np.float32(unit)) for each in found]
-    counts = {"pixels": radius.size, "pixels_copied": int(seen.in_focus), "tiles": 1}
-    counts |= {"pixels_clamped": negative} if settings.left_right else {}
-    trust = torch.from_numpy(found[0, -1:].copy())
-    return ViewTensors(images, trust, counts, Box(0, 0, *radius.shape))
+    views = rendered(surface, settings, content)
+    # each has memory of its own: a caller who keeps one does not keep the others
+    return views._replace(images=[x.clone() for x in views.images], trust=views.trust.clone())
 
 
-def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
-    """The views of a surface that is carried; the centre alone if left and right are not."""
-    settings, content = frame.settings, frame.content
+def rendered(
+    scene: Surface, settings: Settings, content: Content, frame: SharedFrame | None = None
+) -> ViewTensors:
+    """The views of a surface that is carried; the centre alone if left and right are not.
+
+    frame: of the picture, where torch finds its surfaces.
+    """
     pair = settings.left_right and carries_pair(settings)
     # light has no unit: float32 is fine enough for that of about 1, also its squares
-    unit, left = _unit(content.limit), float(frame.division.left_fraction) if pair else 0.5
-    others = [(content.minimum, math.inf)] * (len(scene.image) - len(content.channels))
-    channels = np.array([*content.channels, *others])
-    bounds = _bounds(channels, content.minimum, content.limit, unit, left, settings)
-    groups, negative = list[Tensor](), 0
-    for some, samples, lights in _sampled(frame, scene, unit):
+    unit = 2.0 ** math.floor(math.log2(content.limit)) if content.limit > 0 else 1.0
+    bounds, groups, negative = _bounds(content, len(scene.image), unit, settings), [], 0
+    for some, samples, lights in _sampled(scene, content, unit, frame):
         found, darker = back.render(
             samples,
             lights[: 3 if pair else 1],
             bounds._replace(range=bounds.range[some]),
             outline=settings.aperture.fixed.outline,
-            min_slope=frame.quality.min_slope,
+            min_slope=quality_of(settings.quality).min_slope,
             edges=content.edges,
             threads=settings.threads,
         )
         del samples, lights  # large arrays
         groups.append(torch.from_numpy(found[:, :-1]).mul_(unit))
         negative = max(negative, darker)
-    trust = torch.from_numpy(found[0, -1:])
+    box = Box(0, 0, *scene.signed_radius.shape)
     in_focus = int((scene.signed_radius.abs() <= SHARP).sum())
-    counts = {"pixels": frame.box.area, "pixels_copied": in_focus, "tiles": 1}
+    counts = {"pixels": box.area, "pixels_copied": in_focus, "tiles": 1}
     counts |= {"pixels_clamped": negative} if pair else {}
     images = groups[0] if len(groups) == 1 else torch.cat(groups, 1)
-    return ViewTensors(list(images), trust, counts, frame.box)
+    return ViewTensors(list(images), torch.from_numpy(found[0, -1:]), counts, box)
 
 
 def _sampled(
-    frame: SharedFrame, scene: Surface, unit: float
+    scene: Surface, content: Content, unit: float, frame: SharedFrame | None
 ) -> Iterator[tuple[slice, Samples, NDArray[np.float32]]]:
     """The channels that are rendered at once, their surfaces, and lights to add.
 
     Those of three colours without lights and without a matte are found by compiled loops.
     """
-    content, count = frame.content, len(scene.image)
+    count = len(scene.image)
     if by_loops(scene) and not content.highlights:
-        image, radius = (x.float().contiguous().numpy() for x in scene.tensors)
+        image, radius = (x.detach().float().contiguous().numpy() for x in scene.tensors)
+        options: dict[str, Any] = {"unit": unit, "edges": content.edges}
         # held by the caller alone, who lets go of them before the next are made
         yield (
             slice(0, CHANNELS),
-            samples_of(image, radius, content.limits, content.limit, unit, edges=content.edges),
+            samples_of(image, radius, content.limits, content.limit, **options),
             _NO_LIGHTS,
         )
         return
+    assert frame is not None
     from defocus_core.renderer.engine.region_layers import backdrop_in, discs, layers_at
 
     whole, in_focus = frame.box, InFocus.from_scene(scene)
@@ -176,8 +181,8 @@ def samples_of(
     radius: NDArray[np.float32],
     limits: tuple[float, float],
     limit: float,
-    unit: float,
     *,
+    unit: float,
     edges: bool,
 ) -> Samples:
     """The surfaces of a picture [3, H, W] without highlights of radii [H, W] px.
@@ -206,24 +211,15 @@ def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.frombuffer(pages, np.float32).reshape(shape)
 
 
-def _unit(brightest: float) -> float:
-    """A power of two near the brightest light: dividing by it is exact."""
-    return 2.0 ** math.floor(math.log2(brightest)) if brightest > 0 else 1.0
-
-
-def _bounds(
-    channels: NDArray[Any],
-    minimum: float,
-    limit: float,
-    unit: float,
-    left: float,
-    settings: Settings,
-) -> Bounds:
-    """The bounds of views of channels of a range each, [C, 2]; left: its share of the light."""
-    least, greatest = channels.T / unit
+def _bounds(content: Content, count: int, unit: float, settings: Settings) -> Bounds:
+    """The bounds of the views of a picture of so many channels."""
+    others = [(content.minimum, math.inf)] * (count - len(content.channels))
+    least, greatest = np.array([*content.channels, *others]).T / unit
     slack = [_SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
     more = _OVERSHOOT * (greatest - least)
     limits = least - slack[0], greatest + slack[1], least - more, greatest + more
-    negative = (minimum - _NEGLIGIBLE * limit) / unit
-    range_, apart = np.stack(limits, 1).astype(np.float32), float(settings.dual_pixel.separation)
-    return Bounds(range_, minimum / unit, negative, left, apart)
+    range_, left, pair = np.stack(limits, 1).astype(np.float32), 0.5, settings.dual_pixel
+    if settings.left_right:
+        left = float(Division.from_aperture(settings.aperture, 1, pair).left_fraction)
+    negative = (content.minimum - _NEGLIGIBLE * content.limit) / unit
+    return Bounds(range_, content.minimum / unit, negative, left, float(pair.separation))

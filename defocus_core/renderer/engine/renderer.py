@@ -11,6 +11,7 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth
+from defocus_core.renderer.compiled.alone import needs_no_repair
 from defocus_core.renderer.compiled.carried import carries, carries_pair
 from defocus_core.renderer.engine.frame import SharedFrame, darkened
 from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
@@ -112,7 +113,8 @@ class Renderer:
             from defocus_core.renderer.compiled.picture import rendered
 
             compile_once()
-            compiled = rendered(self.frame, self.in_focus.surface)
+            content = self.frame.content
+            compiled = rendered(self.in_focus.surface, self._settings, content, self.frame)
             if not self._settings.left_right or carries_pair(self._settings):
                 if progress:
                     progress(1, 1)
@@ -206,6 +208,8 @@ def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
 
 def repaired(surface: Surface, settings: Settings) -> tuple[Surface, DepthRepair]:
     """A surface with the radii by which all its colours are rendered, and their repair."""
+    if needs_no_repair(surface, settings):
+        return surface, DepthRepair()
     radius, repair = repair_depth(
         surface.signed_radius,
         surface.image,
