@@ -71,11 +71,7 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
             edge_width=None if soft else _HARD,
             reach=_REACH * pitch,
         )
-    return in_bands(
-        lambda box: (1 / (box.crop(radius) / scale).clamp(min=0).abs()).to(depth.dtype),
-        size,
-        depth.device,
-    )
+    return (1 / (radius / scale).clamp(min=0).abs()).to(depth.dtype)
 
 
 GuidedDepth = guided_depth  # its name in 0.1, when windows were read of it: a tensor has them, too

@@ -18,8 +18,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import in_bands
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
@@ -129,9 +127,7 @@ def _ends_of_ramps(
     return index[kept], near[kept], far[kept]
 
 
-def without_wide_ramps(
-    signed_radius: Tensor, steep: float, scale: DistanceScale | None, threads: int = 1
-) -> Tensor:
+def without_wide_ramps(signed_radius: Tensor, steep: float, scale: DistanceScale | None) -> Tensor:
     """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
 
     What is soft over the same share of a picture is made a step, whatever its resolution: a network
@@ -148,20 +144,14 @@ def without_wide_ramps(
     # beside the pixels of a ramp it ends between two pixels of the reduced picture
     ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
 
-    def of_box(box: Box) -> Tensor:
-        radii, ends_of = box.crop(signed_radius), ((box.top, box.height), (box.left, box.width))
-        places = [
-            (torch.arange(first, first + count, device=radii.device) * coarse.shape[dim]).div(
-                size, rounding_mode="floor"
-            )
-            for dim, ((first, count), size) in enumerate(zip(ends_of, (H, W), strict=True))
-        ]
-        near, far = ends[:, places[0]][:, :, places[1]]
-        far, own = -far, radii.detach()
-        closer = torch.where(own < halfway(near, far), near, far)
-        return torch.where((near < own) & (own < far), closer, radii)
-
-    return in_bands(of_box, (H, W), signed_radius.device, threads=threads)
+    places = [
+        (torch.arange(size, device=coarse.device) * small_size).div(size, rounding_mode="floor")
+        for size, small_size in zip((H, W), coarse.shape, strict=True)
+    ]
+    near, far = ends[:, places[0]][:, :, places[1]]
+    far, own = -far, signed_radius.detach()
+    closer = torch.where(own < halfway(near, far), near, far)
+    return torch.where((near < own) & (own < far), closer, signed_radius)
 
 
 def reduction(size: Sequence[int]) -> int:

@@ -88,7 +88,7 @@ def repair_depth(
         else:
             radii, repair = _muted(signed_radius, decided.noise, threads), decided
         if repair.wide_edges is not None and matte is None:
-            radii = without_wide_ramps(radii, repair.wide_edges, repair.ramps_of, threads)
+            radii = without_wide_ramps(radii, repair.wide_edges, repair.ramps_of)
         scale = repair.ramps_of
         for steep, width in _ramps(repair, edge_width):
             repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
