@@ -168,6 +168,8 @@ _EDGES = 0.4
 _HALF_EDGE, _BESIDE_EDGE = 14, 16
 # Hard steps of radius for each hard step of distance from which on edges are soft in distance.
 _LOPSIDED = 4
+# Intervals of a px in the histogram of widths of soft edges.
+_PER_PX = 10
 # Slope of an edge of averages, as a share of that of a soft edge.
 _AVERAGED = 0.4
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
@@ -401,20 +403,28 @@ def _edge_counts(
     signed_radius: Tensor, steep: float, scale: DistanceScale | None = None
 ) -> _EdgeCounts:
     """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope."""
-    around = signed_radius.detach()
-    steepest = steepness(around)
-    if scale is not None:
-        slow = steepest <= FOOT_FRACTION * steep  # far slopes are steep in distance
-        around = scale.distances(around)
-        steepest = steepness(around).masked_fill_(slow, 0.0)
-    slope = softness(steepest)
-    minimum, maximum = (
-        extreme_around(around, _BESIDE_EDGE, end) for end in (torch.minimum, torch.maximum)
-    )
-    to_ends = torch.maximum(around - minimum, maximum - around)
-    is_edge = (slope > steep) & (to_ends < _HALF_EDGE * slope)
-    middle = is_edge & (steepest == extreme_around(steepest, 1, torch.maximum))
-    wide = (maximum[middle] - minimum[middle]) / steepest[middle]
-    width = round(float(wide.median()), 1) if len(wide) else 0.0
-    hard = int(hard_steps(signed_radius.detach(), steep, scale))
-    return _EdgeCounts(int(is_edge.sum()), hard, width)
+    soft = hard = 0
+    widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)
+    for first, last in bands(signed_radius):
+        above = min(first, _BESIDE_EDGE + 1)
+        around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
+        steepest = steepness(around)
+        if scale is not None:
+            slow = steepest <= FOOT_FRACTION * steep  # far slopes are steep in distance
+            around = scale.distances(around)
+            steepest = steepness(around).masked_fill_(slow, 0.0)
+        slope = softness(steepest)
+        minimum, maximum = (
+            extreme_around(around, _BESIDE_EDGE, end) for end in (torch.minimum, torch.maximum)
+        )
+        to_ends = torch.maximum(around - minimum, maximum - around)
+        is_edge = (slope > steep) & (to_ends < _HALF_EDGE * slope)
+        soft += int(is_edge[above : above + last - first].sum())
+        middle = is_edge & (steepest == extreme_around(steepest, 1, torch.maximum))
+        wide = ((maximum - minimum) / steepest)[above : above + last - first]
+        wide = wide[middle[above : above + last - first]] * _PER_PX
+        widths += torch.bincount(wide.round().long().cpu(), minlength=len(widths))
+        with_next = signed_radius[max(first - 2, 0) : last + 2].detach()
+        hard += int(hard_steps(with_next, steep, scale))
+    half = int((widths.cumsum(0) < widths.sum() / 2).sum())
+    return _EdgeCounts(soft, hard, half / _PER_PX)

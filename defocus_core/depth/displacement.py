@@ -8,7 +8,7 @@ along a silhouette before the least is chosen, so that it stays smooth (as in st
 2013), and chosen softly, so that it holds still (Kendall et al. 2017). A displacement that is rare
 in the picture needs more evidence, and so does one that differs from those of a longer part of the
 silhouette by more than a px: where colours decide little, a place has the displacement of its
-neighbours (mean field; Krähenbühl and Koltun 2011).
+neighbours (one round of a mean field; Krähenbühl and Koltun 2011).
 
 How far colours decide is tested on px whose side is known, beyond those that were sampled: textures
 that are alike on both sides fail there, and the depth's own edge stays.
@@ -27,7 +27,7 @@ from torch.nn.functional import embedding_bag
 
 from defocus_core.depth.matting import radii_by_color
 from defocus_core.depth.ramps import HARD_STEP, LEVEL, DistanceScale, slope_of_soft_edges
-from defocus_core.tensors.device_plan import pieces, sent
+from defocus_core.tensors.device_plan import pieces, repaired, sent
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
@@ -67,9 +67,9 @@ _ROUNDS = 24
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
 _SPREAD = 0.15
-# Rounds of averaging that give what is expected of a place; times that it is; the cost of a px² by
-# which a displacement differs by more than so many px; and the variance of one that is certain.
-_LONG, _TIMES, _STIFF, _FREE, _CERTAIN = 60, 4, 1.0, 1.0, 0.5
+# Rounds of averaging that give what is expected of a place; the cost of a px² by which a
+# displacement differs from it by more than so many px; and the variance of one that is certain.
+_LONG, _STIFF, _FREE, _CERTAIN = 60, 1.0, 1.0, 0.5
 # Grains of displacement in a px: finer differences are rounding.
 _GRAINS = 1 << 8
 # Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
@@ -123,7 +123,7 @@ def measured_shifts(
     shifted only if most are displaced alike.
     """
     step, radii, colors = least_step(signed_radius, soft), signed_radius.detach(), pixels.detach()
-    edges = positions_of(edges_of(radii, step, scale))
+    edges = _edge_positions(radii, step, scale, threads)
     if not len(edges):
         return None
 
@@ -214,7 +214,7 @@ def with_shifted_edges(
 
 def silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
     """The silhouette in radii [H, W] px; None without edges."""
-    at = positions_of(edges_of(radii, step, scale))
+    at = _edge_positions(radii, step, scale)
     return _silhouette_at(at, radii) if len(at) else None
 
 
@@ -285,16 +285,16 @@ def edge_evidence(
 def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
     """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device, dtype=torch.float64)
-    own = costs = found.costs * shifts.trust + sent(shifts.rarity, found.costs)
-    for _ in range(_TIMES):
-        likely = (costs / -_SPREAD).softmax(1)
-        mean = (likely * by).sum(1, keepdim=True)
-        weight = 1 / ((likely * (by - mean).square()).sum(1, keepdim=True) + _CERTAIN)
-        total, weighted = _averaged(torch.cat([weight, weight * mean], 1), found.beside, _LONG).T
-        apart = (by - (weighted / total)[:, None]).abs()
-        costs = own + _STIFF * (apart - _FREE).clamp(min=0).square()
+    costs = found.costs * shifts.trust + sent(shifts.rarity, found.costs)
     likely = (costs / -_SPREAD).softmax(1)
-    return ((likely * by).sum(1) * _GRAINS).round() / _GRAINS
+    mean = (likely * by).sum(1, keepdim=True)
+    weight = 1 / ((likely * (by - mean).square()).sum(1, keepdim=True) + _CERTAIN)
+    total, weighted = _averaged(torch.cat([weight, weight * mean], 1), found.beside, _LONG).T
+    apart = (by - (weighted / total)[:, None]).abs()
+    costs = costs + _STIFF * (apart - _FREE).clamp(min=0).square()
+    likely = (costs / -_SPREAD).softmax(1)
+    shift: Tensor = ((likely * by).sum(1) * _GRAINS).round() / _GRAINS
+    return shift
 
 
 def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
@@ -369,6 +369,14 @@ class Silhouette(NamedTuple):
     at: Tensor  # [n, 2] rows and columns
     far: Tensor  # [n] number of the farthest pixel beside each
     normal: Tensor  # [2, n] direction (y, x) to the farther surface
+
+
+def _edge_positions(
+    radii: Tensor, step: float, scale: DistanceScale | None, threads: int = 1
+) -> Tensor:
+    """The rows and columns [n, 2] of the pixels on edges."""
+    edges = partial(edges_of, step=step, scale=scale)
+    return positions_of(repaired(radii, edges, FARTHEST + 1, threads=threads))
 
 
 def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:

@@ -141,7 +141,7 @@ _FEW, _MANY = 32, 256
 # Least and greatest step in px between terraces.
 _LEAST, _MOST = off_round(0.2), off_round(1.0)
 # Rounds in which a step is spread; px around a pixel that decide what it becomes.
-_ROUNDS = 4
+_ROUNDS = 2
 AROUND_TERRACES = _NEAR * _ROUNDS
 
 
