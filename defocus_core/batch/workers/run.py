@@ -161,7 +161,7 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
     inputs = [str(path) for part in parts.values() for path in part.files.values()]
     for text in inputs:
         require_utf_8(text)
-    inputs += map(os.path.realpath, filter(os.path.islink, inputs))
+    inputs += list(map(os.path.realpath, filter(os.path.islink, inputs)))
     real = cache(os.path.realpath)  # a batch has many outputs, but few folders
     folders = {real(folder) for outputs in every for folder in outputs.folders}
     split = ((real(folder), name) for folder, name in map(os.path.split, inputs))
