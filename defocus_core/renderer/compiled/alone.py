@@ -1,4 +1,4 @@
-"""Pictures of which compiled loops do all, or find that depth needs no repair."""
+"""Pictures that compiled loops render without torch, and depth that they find to need no repair."""
 
 from __future__ import annotations
 

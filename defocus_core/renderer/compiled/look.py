@@ -1,7 +1,7 @@
-"""What is known of a picture before it is rendered, and whether its depth is as it should be.
+"""Whether the depth of a picture needs no repair, and the bounds of its radii, in compiled passes.
 
-See `engine/survey.py`, `depth/diagnosis.py` and `depth/smoothing.py`, whose names constants have.
-Where anything is in doubt, these find out.
+The tests are those of `engine/survey.py`, `depth/diagnosis.py` and `depth/smoothing.py`, with the
+same names of constants. Where a test is in doubt, those modules decide.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Whether edges of depth may be displaced from those of the colours: see `depth/displacement.py`.
+"""Whether edges of depth may be displaced from those of the colours, in compiled passes.
 
-Some of its profiles across silhouettes are examined; if these lie about where they should, so do
-all. Constants have its names.
+A sample of the profiles across silhouettes is examined as `depth/displacement.py` does, with the
+same names of constants. If the sample lies where it should, no edge is displaced.
 """
 
 from __future__ import annotations
