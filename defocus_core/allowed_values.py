@@ -6,11 +6,7 @@ QUALITIES = ("standard", "high", "reference")
 DUAL_PIXEL_MODELS = ("split", "smooth")
 # Sensors that were measured: their model, their crosstalk, and what it was measured on.
 DUAL_PIXEL_SENSORS = {
-    "@pixel4": (
-        "smooth",
-        0.08,
-        "Pixel 4, fitted to photographs of S. Xin et al., ICCV 2021",
-    ),
+    "@pixel4": ("smooth", 0.08, "Pixel 4, fitted to photographs of S. Xin et al., ICCV 2021"),
     "@canon-dpp": (
         "smooth",
         0.335,

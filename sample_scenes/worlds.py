@@ -5,18 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from surfaces import (
-    Array,
-    Bools,
-    Cutout,
-    Light,
-    Plane,
-    Scene,
-    Sphere,
-    Surface,
-    Texture,
-    Vector,
-)
+from surfaces import Array, Bools, Cutout, Light, Plane, Scene, Sphere, Surface, Texture, Vector
 from textures import (
     Paint,
     bricks,

@@ -41,14 +41,7 @@ from defocus_core.compare.record import (
 )
 from defocus_core.compare.selection import CropRegion, anti_aliased, read_mask
 from defocus_core.compare.structure import compare_structure, of_another_size
-from defocus_core.compare.thresholds import (
-    OVER,
-    PRESETS,
-    Rule,
-    Rules,
-    read_thresholds,
-    rule,
-)
+from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, read_thresholds, rule
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 from defocus_core.system.text import counted

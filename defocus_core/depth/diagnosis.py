@@ -31,12 +31,7 @@ from defocus_core.depth.ramps import (
 )
 from defocus_core.depth.smoothing import are_few, noise_from, scatter_counts, steps_of
 from defocus_core.tensors.device_plan import bands
-from defocus_core.tensors.neighbourhoods import (
-    exceeding,
-    extreme_around,
-    flat_nonzero,
-    range_of,
-)
+from defocus_core.tensors.neighbourhoods import exceeding, extreme_around, flat_nonzero, range_of
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round
 

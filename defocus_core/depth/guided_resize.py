@@ -64,12 +64,7 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
     if 0 < span < math.inf:
         pitch = max(size[0] / depth.shape[0], size[1] / depth.shape[1])
         radius, _ = repair_depth(
-            radius,
-            image,
-            0.0,
-            threads,
-            edge_width=None if soft else _HARD,
-            reach=_REACH * pitch,
+            radius, image, 0.0, threads, edge_width=None if soft else _HARD, reach=_REACH * pitch
         )
     return (1 / (radius / scale).clamp(min=0).abs()).to(depth.dtype)
 

@@ -20,12 +20,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.neighbourhoods import (
-    exceeding,
-    flat_nonzero,
-    masked_values,
-    tally,
-)
+from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero, masked_values, tally
 from defocus_core.tensors.ties import off_round
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.

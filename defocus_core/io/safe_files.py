@@ -357,12 +357,7 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
 
 
 def decoded_rows(
-    path: Path,
-    file: Any,
-    part: int,
-    rows: tuple[int, int],
-    channels: tuple[int, int],
-    kind: str,
+    path: Path, file: Any, part: int, rows: tuple[int, int], channels: tuple[int, int], kind: str
 ) -> NDArray[Any]:
     """Rows [h, W, C] of an `opened_image` as they are in the file.
 

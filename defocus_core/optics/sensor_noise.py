@@ -13,12 +13,7 @@ _UNITS = "noise is counted in electrons"
 
 
 def with_noise(
-    light: Tensor,
-    *,
-    electrons: float,
-    read: float,
-    seed: int | Sequence[int],
-    first_row: int = 0,
+    light: Tensor, *, electrons: float, read: float, seed: int | Sequence[int], first_row: int = 0
 ) -> Tensor:
     """Light as counted by a sensor: a Poisson number of electrons, plus read noise.
 

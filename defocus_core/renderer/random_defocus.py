@@ -17,12 +17,7 @@ from torch import Tensor
 from defocus_core.gone import remedy
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
-from defocus_core.optics.distributions import (
-    ATTEMPTS,
-    Distribution,
-    drawn,
-    percentile_rank,
-)
+from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn, percentile_rank
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.optics.thin_lens import radii_of_each

@@ -34,14 +34,7 @@ from defocus_core.request.output_kinds import (
     is_picture_name,
 )
 from defocus_core.request.parameters import Param
-from defocus_core.request.quantities import (
-    always,
-    one_of,
-    quantity,
-    several,
-    switch,
-    whole_within,
-)
+from defocus_core.request.quantities import always, one_of, quantity, several, switch, whole_within
 
 _edge_width = quantity(
     "the width of an edge", "like 8px", {"": 1, "px": 1}, least=0, most=WIDEST_EDGE

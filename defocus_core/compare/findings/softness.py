@@ -213,10 +213,7 @@ def _factors(a: _Plane, b: _Plane) -> list[tuple[float, tuple[Any, ...]]]:
 
 
 def _through_size(
-    frame: _Frame,
-    size: tuple[int, int],
-    kernels: Sequence[_Kernel],
-    part: tuple[slice, ...],
+    frame: _Frame, size: tuple[int, int], kernels: Sequence[_Kernel], part: tuple[slice, ...]
 ) -> _Plane:
     """A part of the frame of A, reduced to (rows, columns) and enlarged again."""
     made, (down, up) = frame.sides[0], kernels

@@ -87,12 +87,7 @@ CAUSES = (
     # Patterns.
     Cause("fireflies or few pixels", "how many, brighter or darker", "traces.sparks"),
     # Sharpness.
-    Cause(
-        "softer",
-        "blurred or denoised, by how many px",
-        "softness.softened",
-        left=0.6,
-    ),
+    Cause("softer", "blurred or denoised, by how many px", "softness.softened", left=0.6),
     Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.6),
     Cause("another CoC", _COC, "softness.softened", left=0.6),
     Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.25),

@@ -117,10 +117,7 @@ SCENE: tuple[Step[Surfaces], ...] = (
         "steps.companions:show_matte",
         lambda s: s.take.inputs.matte is not None and s.take.inputs.layers is None,
     ),
-    Step(
-        "scene:repair_surfaces",
-        lambda s: s.colors and s.take.job.reading.depth_repair != "off",
-    ),
+    Step("scene:repair_surfaces", lambda s: s.colors and s.take.job.reading.depth_repair != "off"),
     Step("scene:light_lamps", lambda s: s.take.lens.highlights),
     Step("steps.companions:show_hidden", lambda s: s.take.inputs.hidden),
 )

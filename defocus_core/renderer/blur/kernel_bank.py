@@ -283,12 +283,7 @@ class TransformWindow:
         if missing:
             radii = self.radii[[self.slices.index(n) for n in missing]] / (1 << self.level)
             computed = kernels(
-                radii,
-                self.margin,
-                self.aperture,
-                self.parts,
-                views=self.views,
-                leaning=leaning,
+                radii, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
             )
             self.kernels.update(zip(missing, sent(computed, self.like.real), strict=True))
         return [self.kernels[n] for n in slice_indices]

@@ -19,11 +19,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
-from defocus_core.renderer.compositing.saturating_sum import (
-    add_within,
-    shown_behind,
-    summed,
-)
+from defocus_core.renderer.compositing.saturating_sum import add_within, shown_behind, summed
 from defocus_core.renderer.compositing.sight import Openings, Sight
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
@@ -92,12 +88,7 @@ class TileCompositor:
     """
 
     def __init__(
-        self,
-        blank: Tensor,
-        full: Tensor | float,
-        sight: Sight | None,
-        *,
-        closed: bool,
+        self, blank: Tensor, full: Tensor | float, sight: Sight | None, *, closed: bool
     ) -> None:
         """Begin without surfaces.
 

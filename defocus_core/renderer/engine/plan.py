@@ -23,20 +23,9 @@ from defocus_core.renderer.blur.kernel_bank import (
     transform_windows,
 )
 from defocus_core.renderer.compositing.highlights import reached_by
-from defocus_core.renderer.engine.frame import (
-    NEIGHBOURHOOD,
-    Content,
-    Division,
-    SharedFrame,
-    Slices,
-)
+from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, Content, Division, SharedFrame, Slices
 from defocus_core.renderer.engine.settings import Quality, Settings
-from defocus_core.renderer.engine.survey import (
-    Survey,
-    border_range,
-    highlight_limit,
-    needs_double,
-)
+from defocus_core.renderer.engine.survey import Survey, border_range, highlight_limit, needs_double
 from defocus_core.renderer.inpainting.disocclusion import EDGE, PX_AROUND
 from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.samples import Layered
@@ -159,12 +148,7 @@ def computed_in(pixels: Tensor, signed_radius: Tensor) -> torch.dtype:
     return torch.promote_types(given, torch.float32)
 
 
-def content_of(
-    survey: Survey,
-    quality: Quality,
-    *,
-    layered: Layered | None = None,
-) -> Content:
+def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = None) -> Content:
     """What a picture holds."""
     limit = highlight_limit(survey)
     return Content(

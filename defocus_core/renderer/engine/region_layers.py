@@ -12,16 +12,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.parts import Part
-from defocus_core.renderer.compositing.highlights import (
-    Highlights,
-    draw,
-    split,
-)
-from defocus_core.renderer.compositing.sight import (
-    Openings,
-    Sight,
-    SightLimits,
-)
+from defocus_core.renderer.compositing.highlights import Highlights, draw, split
+from defocus_core.renderer.compositing.sight import Openings, Sight, SightLimits
 from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame, views_of
 from defocus_core.renderer.engine.scene import InFocus
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of

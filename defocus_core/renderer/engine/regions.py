@@ -17,16 +17,8 @@ from torch import Tensor
 from defocus_core.renderer.blur.layer_blur import Blur
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.left_right import count_negative, left_and_right
-from defocus_core.renderer.compositing.saturating_sum import (
-    ColorRange,
-    add_light,
-    picture,
-)
-from defocus_core.renderer.engine.frame import (
-    RegionPlace,
-    SharedFrame,
-    frame_at,
-)
+from defocus_core.renderer.compositing.saturating_sum import ColorRange, add_light, picture
+from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame, frame_at
 from defocus_core.renderer.engine.layer_order import Filling, composite
 from defocus_core.renderer.engine.region_layers import (
     RegionLayers,

@@ -473,13 +473,7 @@ class SlicedSurface:
         return _bounds(self._blocks[slice_indices], self._own) or Box(0, 0, 0, 0)
 
     def averaged(
-        self,
-        slice_index: int,
-        level: int,
-        coarse: Box,
-        middle: tuple[Axis, Axis],
-        *,
-        tilted: bool,
+        self, slice_index: int, level: int, coarse: Box, middle: tuple[Axis, Axis], *, tilted: bool
     ) -> Tensor:
         """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w]."""
         kinds = 3 if tilted and self._slopes is not None else 1
