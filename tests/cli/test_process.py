@@ -95,7 +95,7 @@ def test_a_limit_of_the_shell_is_known_and_told(tmp_path):
     """'ulimit -v': less than torch's library needs, and enough for a picture."""
     files = [str(file) for file in pair(tmp_path)]
     limit = "import resource as r; r.setrlimit(r.RLIMIT_AS, ({0}, {0}))\n"
-    ran = ended(limit.format(6 * 10**8) + RUN, "render", *files, "-o", tmp_path / "a", *LENS)
+    ran = ended(limit.format(45 * 10**7) + RUN, "render", *files, "-o", tmp_path / "a", *LENS)
     assert (ran.returncode, "report" in ran.stderr) == (3, False), ran.stderr
     assert ran.stderr.startswith("defocus: memory: the system gives no more memory: ")
     told = "from defocus_core.system.memory import available_mb; print(available_mb())"
