@@ -31,6 +31,7 @@ TORCH_EXCEPTIONS = {
     "defocus_core/optics/point_spread.py": {"warnings"},
     "defocus_core/renderer/defocus_lens.py": {"warnings"},
     "defocus_core/renderer/compiled/once.py": {"logging"},
+    "defocus_core/tensors/later.py": {"sys"},
     "defocus_core/renderer/compiled/kept.py": {"filelock", "os", "pathlib", "sys", "tempfile"},
 }
 COMPILED = {"numpy", "numba"}  # what functions in renderer/compiled are of

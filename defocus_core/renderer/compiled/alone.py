@@ -1,12 +1,15 @@
-"""Pictures that compiled loops render without torch, and depth that they find to need no repair."""
+"""Tensors that compiled loops render alone, and depth that they find to need no repair."""
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.carried import by_loops, carries_pair, carries_surface
 from defocus_core.renderer.engine.scene import Scene, Surface
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.tensors.box import Box
 from defocus_core.tensors.views import ViewTensors
 
 
@@ -21,22 +24,35 @@ def views_alone(scene: Scene, settings: Settings) -> ViewTensors | None:
         or not _is_seen(scene, settings)
     ):
         return None
+    from defocus_core.renderer.compiled.arrays import rendered_alone
     from defocus_core.renderer.compiled.once import compile_once
-    from defocus_core.renderer.compiled.picture import rendered_alone
 
     compile_once()
-    return rendered_alone(scene, settings)
+    views = rendered_alone(*_arrays_of(scene), settings)
+    if views is None:
+        return None
+    # each has memory of its own: a caller who keeps one does not keep the others
+    images = [torch.from_numpy(image.copy()) for image in views.images]
+    box = Box(0, 0, *scene.signed_radius.shape)
+    return ViewTensors(images, torch.from_numpy(views.trust.copy()), views.stats, box)
 
 
 def needs_no_repair(surface: Surface, settings: Settings) -> bool:
     """Whether compiled loops see that the depth of a surface is as it should be."""
     if settings.depth_repair == "off" or not _is_seen(surface, settings):
         return False
+    from defocus_core.renderer.compiled.arrays import is_clean, look_at
     from defocus_core.renderer.compiled.once import compile_once
-    from defocus_core.renderer.compiled.picture import is_clean, look_at
 
     compile_once()
-    return is_clean(surface, look_at(surface, settings))
+    image, radius = _arrays_of(surface)
+    return is_clean(image, radius, look_at(radius, settings))
+
+
+def _arrays_of(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The colours [C, H, W] and the radii [H, W] of a surface."""
+    image, radius = (x.detach().float().contiguous().numpy() for x in surface.tensors[:2])
+    return image, radius
 
 
 def _is_seen(surface: Surface, settings: Settings) -> bool:

@@ -10,10 +10,10 @@ import numpy as np
 
 from defocus_core.optics.outline import Disc
 from defocus_core.renderer.compiled import back
+from defocus_core.renderer.compiled.arrays import Statistics, samples_of
 from defocus_core.renderer.compiled.bands import Bounds
 from defocus_core.renderer.compiled.kept import folder, one_process
 from defocus_core.renderer.compiled.look import look_at_depth, look_at_light
-from defocus_core.renderer.compiled.picture import samples_of
 from defocus_core.renderer.compiled.shifts import may_be_shifted
 
 _LOGGER = getLogger("defocus_core")
@@ -41,6 +41,7 @@ def render_everything() -> None:
     look_at_depth(radius, 1e3, 1)
     may_be_shifted(image, radius, np.float32(2))
     bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.0, 0.5, 1.0)
-    samples = samples_of(image, radius, (-60.0, 60.0), 1.0, unit=1.0, edges=True)
+    channels = ((0.0, 1.0),) * len(image)
+    samples = samples_of(image, radius, Statistics((-60.0, 60.0), True, 0.0, channels, 1.0))
     options: dict[str, Any] = {"outline": Disc(), "min_slope": 0.01, "threads": 1}
     back.render(samples, np.zeros((3, 3, 1, 0), np.float32), bounds, edges=True, **options)

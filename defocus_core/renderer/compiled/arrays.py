@@ -1,0 +1,174 @@
+"""Pictures as arrays: what compiled loops find and render by themselves, without torch."""
+
+from __future__ import annotations
+
+import math
+import mmap
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.depth.ramps import reduction
+from defocus_core.renderer.compiled import back
+from defocus_core.renderer.compiled.back import Samples
+from defocus_core.renderer.compiled.bands import Bounds
+from defocus_core.renderer.compiled.carried import CHANNELS, carries_pair
+from defocus_core.renderer.compiled.hidden import hidden_of
+from defocus_core.renderer.compiled.look import DepthLook, look_at_depth, look_at_light
+from defocus_core.renderer.compiled.mixed import set_light, split_mixed
+from defocus_core.renderer.compiled.shifts import may_be_shifted
+from defocus_core.renderer.engine.settings import quality_of
+from defocus_core.renderer.inpainting.disocclusion import EDGE
+from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
+
+if TYPE_CHECKING:
+    from defocus_core.renderer.engine.settings import Settings
+
+# As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding;
+# and as in `compositing/left_right.py` the share of light below which nothing is counted.
+_OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
+# Radius in px up to which no light comes from farther than the renderer goes on beyond the frame.
+_WIDEST = 40.0
+_MANY = 1 << 22  # numbers from which on it matters that few pages are touched
+NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
+
+
+class Statistics(NamedTuple):
+    """Statistics of a picture that its rendering depends on, as of `engine.frame.Content`."""
+
+    limits: tuple[float, float]  # least and greatest signed radius, px
+    edges: bool  # whether surfaces hide others
+    minimum: float  # least light; 0 unless pixels are negative
+    channels: tuple[tuple[float, float], ...]  # least and greatest value of each channel
+    limit: float  # greatest light
+
+    @property
+    def unit(self) -> float:
+        """The light that is 1: float32 is fine enough for that, also for its squares."""
+        return 2.0 ** math.floor(math.log2(self.limit)) if self.limit > 0 else 1.0
+
+
+class ArrayViews(NamedTuple):
+    """The views of a picture."""
+
+    images: NDArray[np.float32]  # [1 or 3, C, H, W] centre, left and right
+    trust: NDArray[np.float32]  # [1, H, W]
+    stats: dict[str, int]  # counts, as of `ViewTensors`
+
+
+def look_at(radius: NDArray[np.float32], settings: Settings) -> DepthLook:
+    """What is seen of radii [H, W] px."""
+    infinity = math.inf if settings.infinity is None else settings.infinity
+    return DepthLook(*look_at_depth(radius, infinity, reduction(radius.shape)))
+
+
+def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: DepthLook) -> bool:
+    """Whether the depth of a picture [C, H, W] needs no repair, for certain."""
+    if not seen.clean or seen.step <= seen.hard:
+        return seen.clean
+    return len(image) == CHANNELS and not may_be_shifted(image, radius, np.float32(seen.hard))
+
+
+def rendered_alone(
+    image: NDArray[np.float32], radius: NDArray[np.float32], settings: Settings
+) -> ArrayViews | None:
+    """The views of a picture [3, H, W] of radii [H, W] px; None if something else must see it.
+
+    Its settings must be carried.
+    """
+    seen = look_at(radius, settings)
+    each, plain = look_at_light(image)
+    widest = max(-seen.range[0], seen.range[1])
+    usable = plain and seen.usable and widest <= _WIDEST and plane_of(*seen.range) is None
+    if not usable or not (settings.depth_repair == "off" or is_clean(image, radius, seen)):
+        return None
+    channels = tuple((least, greatest) for least, greatest in each.tolist())
+    statistics = Statistics(
+        limits=seen.range,
+        edges=seen.step > EDGE,
+        minimum=min(0.0, *(least for least, _ in channels)),
+        channels=channels,
+        limit=max(0.0, *(greatest for _, greatest in channels)),
+    )
+    samples = samples_of(image, radius, statistics)
+    found, darker = render_samples(samples, NO_LIGHTS, statistics, settings, slice(0, CHANNELS))
+    return ArrayViews(found[:, :-1], found[0, -1:], counts_of(radius, darker, settings))
+
+
+def render_samples(
+    samples: Samples,
+    lights: NDArray[np.float32],
+    statistics: Statistics,
+    settings: Settings,
+    channels: slice,
+) -> tuple[NDArray[np.float32], int]:
+    """The views [1 or 3, C + 1, H, W] of some channels, and how many px were below 0.
+
+    They are the colours and trust; of the centre alone if left and right are not carried.
+    """
+    pair, count = settings.left_right and carries_pair(settings), channels.stop
+    bounds = _bounds(statistics, count, settings)
+    found, darker = back.render(
+        samples,
+        lights[: 3 if pair else 1],
+        bounds._replace(range=bounds.range[channels]),
+        outline=settings.aperture.fixed.outline,
+        min_slope=quality_of(settings.quality).min_slope,
+        edges=statistics.edges,
+        threads=settings.threads,
+    )
+    found[:, :-1] *= np.float32(statistics.unit)
+    return found, darker
+
+
+def counts_of(radius: NDArray[np.float32], darker: int, settings: Settings) -> dict[str, int]:
+    """The counts of a rendering of radii [H, W] px, of which `darker` px were below 0."""
+    in_focus = int(np.count_nonzero(np.abs(radius) <= SHARP))
+    counts = {"pixels": radius.size, "pixels_copied": in_focus, "tiles": 1}
+    pair = settings.left_right and carries_pair(settings)
+    return counts | ({"pixels_clamped": darker} if pair else {})
+
+
+def samples_of(
+    image: NDArray[np.float32], radius: NDArray[np.float32], statistics: Statistics
+) -> Samples:
+    """The surfaces of a picture [3, H, W] without highlights of radii [H, W] px."""
+    unit, edges = statistics.unit, statistics.edges
+    light = _few((1 + edges, radius.shape[0], 4 * radius.shape[1]))
+    scale, limit = np.float32(1 / unit), statistics.limit / unit
+    set_light(image, scale, light[0])
+    radii = radius[None]
+    if edges:
+        radii = _few((2, *radius.shape))
+        radii[0] = radius
+        if not split_mixed((image, scale, np.float32(limit), radius), light, radii):
+            light, radii = light[:1], radii[:1]
+    samples = Samples(light, radii, statistics.limits)
+    return samples._replace(hidden=hidden_of(samples, limit)) if edges else samples
+
+
+def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Zeros that take memory only where something else is written: NumPy's come in huge pages."""
+    if math.prod(shape) < _MANY:
+        return np.zeros(shape, np.float32)
+    private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)
+    pages = mmap.mmap(-1, 4 * math.prod(shape), **({"flags": private} if private else {}))
+    return np.frombuffer(pages, np.float32).reshape(shape)
+
+
+def _bounds(statistics: Statistics, count: int, settings: Settings) -> Bounds:
+    """The bounds of the views of a picture of so many channels."""
+    unit, known = statistics.unit, statistics.channels[:count]
+    others = [(statistics.minimum, math.inf)] * (count - len(known))
+    least, greatest = np.array([*known, *others]).T / unit
+    slack = [_SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
+    more = _OVERSHOOT * (greatest - least)
+    limits = least - slack[0], greatest + slack[1], least - more, greatest + more
+    range_, left, pair = np.stack(limits, 1).astype(np.float32), 0.5, settings.dual_pixel
+    if settings.left_right and settings.aperture.blades:  # a disc has equal halves
+        from defocus_core.renderer.engine.frame import Division
+
+        left = float(Division.from_aperture(settings.aperture, 1, pair).left_fraction)
+    negative = (statistics.minimum - _NEGLIGIBLE * statistics.limit) / unit
+    return Bounds(range_, statistics.minimum / unit, negative, left, float(pair.separation))

@@ -1,0 +1,34 @@
+"""torch, imported at its first use: an import takes a second, and compiled loops need none of it.
+
+Modules that a rendering by compiled loops imports, too, take `torch` and `Tensor` from here.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import torch as torch
+    from torch import Tensor as Tensor
+else:
+
+    class _Torch:
+        """The module, whose names are kept once they were asked for."""
+
+        def __getattr__(self, name: str) -> Any:
+            import torch
+
+            value = getattr(torch, name)
+            setattr(self, name, value)
+            return value
+
+    class _OfTensors(type):
+        def __instancecheck__(cls, value: object) -> bool:
+            """Whether a value is a tensor: none is before torch was imported."""
+            return "torch" in sys.modules and isinstance(value, torch.Tensor)
+
+    class Tensor(metaclass=_OfTensors):
+        """`torch.Tensor`, for `isinstance` and annotations."""
+
+    torch = _Torch()
