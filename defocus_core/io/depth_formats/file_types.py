@@ -23,6 +23,7 @@ from defocus_core.io.array_files import (
     wrong_shape,
 )
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
+from defocus_core.io.depth_formats.jpeg_overshoot import without_overshoot
 from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import (
     DepthNumbers,
@@ -155,6 +156,8 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
     samples = raster.read_samples(path, page.page)[:, first:]
     values = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
+    if is_jpeg(read_head(path)):
+        values = without_overshoot(values)
     values = np.array(values, dtypes.get(page.type, np.float32))
     greatest = 2**page.bits - 1 if page.bits else None
     if greatest is not None:  # the numbers in the file, before they were stretched

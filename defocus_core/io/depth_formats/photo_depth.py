@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from defocus_core.errors import InputError, reason
+from defocus_core.io.depth_formats.jpeg_overshoot import without_overshoot
 from defocus_core.io.depth_formats.reading import DepthNumbers, holds_gdepth
 from defocus_core.io.images.raster import HEIC_DAMAGE, open_heic, read_pages, read_samples, upright
 from defocus_core.io.safe_files import decoding, quiet, read_head
@@ -68,6 +69,8 @@ def read_gdepth(path: Path) -> DepthNumbers:
     try:
         with _unpack(metadata.pop("Data")) as image:
             values = read_samples(image)[:, :, 0]
+            if image.suffix == ".jpg":
+                values = without_overshoot(values)
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"

@@ -163,6 +163,23 @@ def test_grey_of_a_jpeg_of_three_channels_is_grey(tmp_path):
         read(path)
 
 
+@pytest.mark.parametrize("quality", [75, 90])
+@pytest.mark.parametrize("is_inside", [False, True])
+def test_no_depth_of_a_jpeg_lies_beyond_both_surfaces_of_an_edge(is_inside, quality, tmp_path):
+    """Of a disc on a slope, before which stands a pole of its own depth."""
+    y, x = np.mgrid[:150, :200]
+    depth = np.where(np.hypot(y - 80, x - 70) < 50, 195, 30 + x // 8)
+    depth[:, 150:156] = 245
+    path = save(tmp_path / "z.jpg", np.uint8(depth)[..., None], CompressionQuality=quality)
+    if is_inside:
+        said = {"Format": "RangeLinear", "Near": 1.0, "Far": 256.0, "Units": "m"}
+        path = gdepth(tmp_path / "a.jpg", path.read_bytes(), **said)
+    found = read(path).metres - 1 if is_inside else read(path, relative=True).metres
+    assert 29 < found.min() < 35
+    assert np.abs(found[:, :140].max() - 195) <= 2
+    assert np.abs(found[:, 151:155] - 245).max() < 30, "the pole stays"
+
+
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
 def test_colours_are_no_depth(suffix, tmp_path):
     drawn = np.stack([grey_ramp(), grey_ramp() / 2, 255 - grey_ramp()], axis=2).astype(np.uint8)
