@@ -4,7 +4,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import refused, run, succeed
-from depth_files import gdepth, png
+from depth_files import dynamic_depth, gdepth, png
 from image_files import save
 from optional_libraries import heic
 
@@ -65,6 +65,22 @@ def test_depth_without_units_is_no_depth_in_metres(tmp_path):
     succeed("render", file, *lens, "-o", tmp_path / "out.jpg")
 
 
+@pytest.mark.parametrize("by_elements", [False, True])
+@pytest.mark.parametrize("units", ["Meters", "None"])
+def test_dynamic_depth_is_read_behind_the_photograph(by_elements, units, tmp_path):
+    depth = png(tmp_path / "depth.png", near_left(), np.uint8).read_bytes()
+    told = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0, "Units": units}
+    file = dynamic_depth(
+        tmp_path / "a.jpg", depth, picture=detail(), by_elements=by_elements, **told
+    )
+    succeed("render", file, *BLUR, "-o", tmp_path / "out.jpg")
+    made = pixels(tmp_path / "out.jpg")
+    assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:]), "the near half is in focus"
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "5,5")
+    ran = run("render", file, *lens, "-o", tmp_path / "b.jpg")
+    assert (ran.code == 0) == (units == "Meters"), ran.err
+
+
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
     pillow_heif = pytest.importorskip("pillow_heif")
@@ -89,6 +105,10 @@ def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
             made = pixels(tmp_path / "b.png")
             assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
         assert "colour: R, G, B" in run("info", file, *BLUR).out
+    with heic(values, detail(), representation_type=kind, d_min=None):
+        succeed("render", file, *BLUR, "-o", tmp_path / "c.png")
+        made = pixels(tmp_path / "c.png")
+        assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:]), "without ends, relative"
 
 
 def test_colour_and_depth_side_by_side_are_the_pair_of_both(tmp_path):

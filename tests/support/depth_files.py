@@ -63,3 +63,27 @@ def gdepth(path, depth_png, *, turn=1, picture=None, sharp=b"", **properties):
     segments = b"".join(b"\xff\xe1" + struct.pack(">H", len(b) + 2) + b for b in bodies)
     path.write_bytes(jpeg[:2] + segments + jpeg[2:])
     return path
+
+
+def dynamic_depth(path, depth, *, picture, by_elements, **properties):
+    """A JPEG with Dynamic Depth: the depth image lies behind it, before another file."""
+
+    def told(space, values):
+        if by_elements:
+            inner = "".join(f"<{space}:{k}>{v}</{space}:{k}>" for k, v in values.items())
+            return f' rdf:parseType="Resource">{inner}</'
+        return " " + " ".join(f'{space}:{k}="{v}"' for k, v in values.items()) + "/></"
+
+    items = (
+        {"Mime": "image/jpeg", "Length": 0, "Padding": 5, "DataURI": "primary"},
+        {"Mime": "image/png", "Length": len(depth), "Padding": 3, "DataURI": "android/depthmap"},
+        {"Mime": "text/plain", "Length": 7, "DataURI": "other"},
+    )
+    seq = "".join(f"<rdf:li><Container:Item{told('Item', item)}rdf:li>" for item in items)
+    properties["DepthURI"] = "android/depthmap"
+    xmp = f"<x:xmpmeta>{seq}<Camera:DepthMap{told('DepthMap', properties)}x:xmpmeta>"
+    body = b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode()
+    jpeg = save(path, picture).read_bytes()
+    segment = b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
+    path.write_bytes(jpeg[:2] + segment + jpeg[2:] + bytes(5) + depth + bytes(3) + b"another")
+    return path

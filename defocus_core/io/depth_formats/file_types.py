@@ -42,6 +42,8 @@ from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)
+# Of a photograph that says no unit or ends, whose numbers are relative.
+_ANY_ENDS = {"Units": "m", "d_min": 0.0, "d_max": 1.0, "z_near": 1.0, "z_far": 5.0}
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 Size = tuple[int, int] | None  # (width, height) of the colour of a depth file, if it has one
@@ -76,7 +78,8 @@ def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Si
     if not reading.relative:
         return photo
     row = replace(reading.row, sidecar=photo.type.lower())
-    row = with_sidecar(row, replace(photo, metadata={"Units": "m", **photo.metadata}))
+    told = {name: value for name, value in photo.metadata.items() if value is not None}
+    row = with_sidecar(row, replace(photo, metadata=_ANY_ENDS | told))
     assert row.ends is not None
     scale, shift = linear(*row.ends, photo.top)
     numbers = photo.values.astype(np.float32) * scale + shift

@@ -1,8 +1,10 @@
-"""Depth images inside photographs of phones: HEIC auxiliary depth, and GDepth in JPEG.
+"""Depth images inside photographs of phones: HEIC auxiliary depth, and two kinds in JPEG.
 
 GDepth (Google, "Depthmap metadata"): XMP properties, the depth map itself in base64 in the extended
 XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3"). There
 GImage:Data may be the sharp picture, of which the photograph itself is blurred already.
+
+Dynamic Depth (Google, version 1.0): XMP lists files that follow the photograph, and their lengths.
 """
 
 from __future__ import annotations
@@ -25,8 +27,11 @@ from defocus_core.io.safe_files import decoding, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
-_PROPERTY = re.compile(r"""(G(?:Depth|Image):\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_ELEMENT = re.compile(r"<(G(?:Depth|Image):\w+)>([^<]*)</G")
+# Attributes, and elements but for their ends.
+_PROPERTY = re.compile(
+    r"""(?<![/\w])((?:GDepth|GImage|DepthMap|Item):\w+)(?:\s*=\s*["']|>)([^"'<]*)"""
+)
+_COUNT = re.compile(r"\d{1,12}")
 _START_OF_SCAN = 0xDA
 
 
@@ -80,11 +85,32 @@ def read_gdepth(path: Path) -> DepthNumbers:
 
 
 def _properties(path: Path) -> dict[str, str]:
-    """The properties GDepth:… and GImage:… of the XMP of a JPEG."""
+    """The properties GDepth:… and GImage:… of the XMP of a JPEG, and of Dynamic Depth."""
     read_head(path)
-    packet = b"".join(_xmp(path.read_bytes())).decode("utf-8", "replace")
-    attributes = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
-    return attributes | dict(_ELEMENT.findall(packet))
+    data = path.read_bytes()
+    packet = b"".join(_xmp(data)).decode("utf-8", "replace")
+    return dict(_PROPERTY.findall(packet)) | _dynamic_depth(data, packet)
+
+
+def _dynamic_depth(data: bytes, packet: str) -> dict[str, str]:
+    """The properties of Dynamic Depth in the words of GDepth; empty if a file has none."""
+    told = {name[9:]: text for name, text in _PROPERTY.findall(packet) if name[:9] == "DepthMap:"}
+    start = len(data)
+    for part in reversed(packet.split("<rdf:li")):
+        item = {"Item:Semantic": "", "Item:DataURI": ""} | dict(_PROPERTY.findall(part))
+        length, padding = (
+            int(n) if _COUNT.fullmatch(n := item.get(f"Item:{name}", "")) else 0
+            for name in ("Length", "Padding")
+        )
+        start -= length + padding
+        uri = item["Item:DataURI"]
+        if item["Item:Semantic"] == "Depth" or (uri and uri == told.get("DepthURI")):
+            told["Data"] = base64.b64encode(data[max(start, 0) :][:length]).decode()
+            break
+    unit = told.pop("Units", "None")
+    if unit != "None":
+        told["Units"] = {"Meters": "m"}.get(unit, unit)
+    return {f"GDepth:{name}": text for name, text in told.items()}
 
 
 def _xmp(data: bytes) -> Iterator[bytes]:

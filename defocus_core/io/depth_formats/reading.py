@@ -23,9 +23,9 @@ _XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 
 
 def holds_gdepth(path: Path) -> bool:
-    """Whether a file is a JPEG whose XMP has GDepth."""
+    """Whether a file is a JPEG whose XMP has GDepth, or Dynamic Depth."""
     head = read_head(path, _XMP_BYTES)
-    return is_jpeg(head) and b"GDepth:" in head
+    return is_jpeg(head) and (b"GDepth:" in head or b"DepthMap:" in head)
 
 
 def own_format(path: Path) -> str:

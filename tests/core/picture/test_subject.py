@@ -107,6 +107,41 @@ def test_the_subject_is_not_on_the_ramp_of_an_edge():
     assert found(numbers, **RELATIVE) in (190, 200), "195 is its median"
 
 
+def before_a_wall(*boxes):
+    """Disparity of a wall at 20, and of boxes before it that lean by 10: (top, left, number)."""
+    numbers = np.full((200, 300), 20.0)
+    for top, left, number in boxes:
+        numbers[top:190, left : left + 60] = number + np.linspace(0, 10, 190 - top)[:, None]
+    return numbers
+
+
+BOXES = {
+    "in the middle": (before_a_wall((50, 120, 190)), (50, 120, 190, 180)),
+    "off the middle": (before_a_wall((50, 180, 190)), (50, 180, 190, 240)),
+    "two persons": (before_a_wall((50, 80, 190), (70, 160, 130)), (50, 80, 190, 140)),
+    "one half behind the other": (
+        before_a_wall((50, 120, 130), (70, 160, 190)),
+        (70, 160, 190, 220),
+    ),
+    "a table below": (
+        np.maximum(before_a_wall((50, 120, 150)), np.where(np.arange(200) > 180, 250, 0)[:, None]),
+        (50, 120, 181, 180),
+    ),
+}
+
+
+@pytest.mark.parametrize("is_black_near", [False, True])
+@pytest.mark.parametrize("name", BOXES)
+def test_the_pixels_in_focus_are_those_of_the_subject(name, is_black_near):
+    numbers, box = BOXES[name]
+    depth = depth_of(-numbers if is_black_near else numbers, **RELATIVE, inverted=is_black_near)
+    low, high = surface_of(depth, subject_of(depth))
+    rows, columns = np.nonzero((depth.metres >= low) & (depth.metres <= high))
+    assert (rows.min(), columns.min(), rows.max() + 1, columns.max() + 1) == pytest.approx(
+        box, abs=2
+    )
+
+
 def person_on_a_floor(column):
     """Disparity of a floor below a far wall, and of a person who stands on it."""
     rows = np.linspace(0, 1, 90)[:, None]
