@@ -11,9 +11,6 @@ import math
 from itertools import islice
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.ramps import (
     FOOT_FRACTION,
@@ -31,6 +28,7 @@ from defocus_core.depth.ramps import (
 )
 from defocus_core.depth.smoothing import are_few, noise_from, scatter_counts, steps_of
 from defocus_core.tensors.device_plan import bands
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import exceeding, extreme_around, flat_nonzero, range_of
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round

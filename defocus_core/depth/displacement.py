@@ -21,13 +21,10 @@ from functools import partial
 from itertools import accumulate
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-from torch.nn.functional import embedding_bag
-
 from defocus_core.depth.matting import radii_by_color
 from defocus_core.depth.ramps import HARD_STEP, LEVEL, DistanceScale, slope_of_soft_edges
 from defocus_core.tensors.device_plan import pieces, repaired, sent
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
@@ -313,7 +310,7 @@ def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
     beside = torch.cat([beside, beside.new_full((1, beside.shape[1]), n)])
     count = (beside < n).sum(1, keepdim=True).clamp(min=1)
     for _ in range(rounds):
-        values = embedding_bag(beside, values, mode="sum") / count
+        values = torch.nn.functional.embedding_bag(beside, values, mode="sum") / count
     return values[:n].double()
 
 

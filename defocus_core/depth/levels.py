@@ -9,10 +9,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-from torch.nn.functional import avg_pool2d, grid_sample
-
 from defocus_core.depth.displacement import (
     DEEPEST,
     Silhouette,
@@ -24,6 +20,7 @@ from defocus_core.depth.displacement import (
 )
 from defocus_core.depth.ramps import LEAST_SIDE, DistanceScale
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.later import Tensor, torch
 
 # Displacement that is looked for, as a share of the longer side of a picture.
 _FRACTION = 0.01
@@ -94,7 +91,9 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
     """A field [h, w] at rows and columns [2, n] of a picture of a size, linearly interpolated."""
     places = (2 * at + 1) / sent([[size[0]], [size[1]]], at) - 1
     places = places.flip(0).T[None, None].to(field.dtype)
-    read = grid_sample(field[None, None], places, padding_mode="border", align_corners=False)
+    read = torch.nn.functional.grid_sample(
+        field[None, None], places, padding_mode="border", align_corners=False
+    )
     return read[0, 0, 0].double()
 
 
@@ -134,5 +133,5 @@ def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
     both = shift.new_zeros(2, radii.numel(), dtype=torch.float32)
     number = silhouette.at[:, 0] * radii.shape[1] + silhouette.at[:, 1]
     both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()
-    total, count = avg_pool2d(both.view(2, 1, *radii.shape), 5, 1, 2)[:, 0]
+    total, count = torch.nn.functional.avg_pool2d(both.view(2, 1, *radii.shape), 5, 1, 2)[:, 0]
     return torch.where(count > 0, total / count.clamp(min=1e-3), 0.0)

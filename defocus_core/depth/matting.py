@@ -13,10 +13,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from defocus_core.tensors.device_plan import pieces
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,

@@ -15,9 +15,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,

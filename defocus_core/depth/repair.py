@@ -6,10 +6,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-from torch.nn.functional import avg_pool2d, max_pool2d
-
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed
 from defocus_core.depth.displacement import (
@@ -35,6 +31,7 @@ from defocus_core.depth.smoothing import (
     without_terraces,
 )
 from defocus_core.tensors.device_plan import repaired
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.ties import off_round
@@ -259,12 +256,12 @@ def _range_of(signed_radius: Tensor, mask: Tensor) -> _Range:
     """The radii of the pixels [H, W] of a mask in the square around each pixel."""
 
     def greatest(values: Tensor) -> Tensor:
-        return _pooled(torch.where(mask, values, -torch.inf), max_pool2d)
+        return _pooled(torch.where(mask, values, -torch.inf), torch.nn.functional.max_pool2d)
 
     farthest, nearest = greatest(signed_radius), -greatest(-signed_radius)
     known = farthest > -torch.inf
-    count = _pooled(mask.to(signed_radius), avg_pool2d)
-    total = _pooled(torch.where(mask, signed_radius, 0.0), avg_pool2d)
+    count = _pooled(mask.to(signed_radius), torch.nn.functional.avg_pool2d)
+    total = _pooled(torch.where(mask, signed_radius, 0.0), torch.nn.functional.avg_pool2d)
     mean = total / torch.where(known, count, 1.0)
     nearest, farthest = (torch.where(known, each, 0.0) for each in (nearest, farthest))
     return _Range(nearest, farthest, mean, known)

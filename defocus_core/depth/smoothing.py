@@ -16,10 +16,7 @@ from __future__ import annotations
 import math
 from itertools import accumulate
 
-import torch
-from torch import Tensor
-from torch.nn.functional import pad
-
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero, masked_values, tally
 from defocus_core.tensors.ties import off_round
 
@@ -114,7 +111,7 @@ def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
     `radii`: [H, W] px; `maximum`: [H, W] px, the greatest difference of a near pixel.
     """
     H, W = radii.shape
-    framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
+    framed = torch.nn.functional.pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
 
     def differences(y: int, x: int) -> Tensor:
         return framed[_NEAR + y : _NEAR + y + H, _NEAR + x : _NEAR + x + W] - radii

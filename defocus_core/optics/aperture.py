@@ -12,9 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
-import torch
-from torch import Tensor
-
 from defocus_core.optics.cat_eye import Rim, fineness
 from defocus_core.optics.outline import (
     CurvedPolygon,
@@ -27,6 +24,7 @@ from defocus_core.optics.outline import (
     inradius,
 )
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.validation import Scalar, described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")

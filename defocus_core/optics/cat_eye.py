@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from defocus_core.optics.outline import Disc, Outline, Squeezed
 from defocus_core.optics.parts import middles
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.validation import Scalar, number
 
 _LENGTHS = "lengths are in radii of the pupil"

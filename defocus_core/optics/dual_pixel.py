@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import torch
-from torch import Tensor
-
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import LEFT, RIGHT, Part, Sensitivity
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.validation import Scalar, described, number, one_of
 
 # The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of

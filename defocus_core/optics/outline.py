@@ -13,9 +13,7 @@ from functools import cached_property
 from hashlib import blake2b
 from itertools import pairwise
 
-import torch
-from torch import Tensor
-
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.validation import Scalar, described
 
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
@@ -189,7 +187,7 @@ class CurvedPolygon(Outline):
             ]
             angles = [middle - span, *upright, middle + span]
             for side, limits in zip(pairwise(angles), pairwise(cuts), strict=True):
-                left, right = sorted(limits, key=Tensor.item)
+                left, right = sorted(limits, key=torch.Tensor.item)
                 # a gradient moves the cut where the arc ends at it
                 piece = torch.where(t < right, torch.where(t > left, t, left), right)
                 if math.sin(sum(side) / 2) < 0:  # y is downwards

@@ -13,11 +13,8 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
-import torch
-from torch import Tensor
-from torch.nn.functional import pad
-
 from defocus_core.optics.outline import Outline, PupilImage
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.validation import Scalar, described
 
 # Cuts between sixteen parts, along both axes, for which the parts of a disc are about equally
@@ -203,7 +200,7 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
     left, both = torch.where(bright, left, 0.0), torch.where(bright, both, 0.0)
     side = max(both.shape)
     beyond = (side,) * 4  # so that the picture holds the square of lens points
-    left, both = pad(left, beyond), pad(both, beyond)
+    left, both = torch.nn.functional.pad(left, beyond), torch.nn.functional.pad(both, beyond)
     whole = PupilImage(both)
     border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
     whole.set_circle(whole.middle, border.reach(whole.middle))
@@ -224,6 +221,6 @@ def _fill(part: Tensor, whole: Tensor) -> Tensor:
 
 def _boxes(light: Tensor, reach: int) -> Tensor:
     """The sum [H, W] over the square of `reach` px around each pixel, by running sums."""
-    sums = pad(light, (reach + 1, reach, reach + 1, reach)).cumsum(0).cumsum(1)
+    sums = torch.nn.functional.pad(light, (reach + 1, reach, reach + 1, reach)).cumsum(0).cumsum(1)
     rows = sums[2 * reach + 1 :] - sums[: -2 * reach - 1]
     return rows[:, 2 * reach + 1 :] - rows[:, : -2 * reach - 1]

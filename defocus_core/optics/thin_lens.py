@@ -3,13 +3,7 @@
 Lengths are in mm, angles in radians. The image is that of the pinhole at the lens: it has no
 distortion, and focusing does not change its scale. Distances may be negative, the optics habit for
 object space, or positive, with the same meaning. Infinity is a depth and a focus distance like any
-other.
-
-The law, with A = f / N and v = f s / (s - f):
-
-    c(z) = A v (1/s - 1/z)
-
-is signed (negative nearer than focus) and affine in disparity 1/z, in which nothing needs a clamp.
+other. The circle of confusion is that of `optics.law`.
 """
 
 from __future__ import annotations
@@ -22,6 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.gone import remedy
+from defocus_core.optics.law import coc_of, coc_per_disparity
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.validation import (
     Scalar,
@@ -53,11 +48,6 @@ def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: f
     return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
 
 
-def coc_per_disparity(foclen: Tensor, fnum: Tensor, foc_dist: Tensor) -> Tensor:
-    """A v = f² / (N (1 - f / s)) in mm², of f and s in mm: the CoC for a disparity of 1 per mm."""
-    return foclen * foclen / (fnum * (1 - foclen / foc_dist))
-
-
 def far_point(foclen: Tensor, fnum: Tensor, coc: Tensor) -> Tensor:
     """The focus s = f + f² / (N c) in mm, of f and c in mm, at which infinity has a CoC of c."""
     return foclen + foclen * foclen / (fnum * coc)
@@ -79,11 +69,6 @@ def field_of_view(side: float, foclen: Scalar) -> Scalar:
     """2 atan(side / 2f) in radians, of a side of the sensor and f in mm."""
     half = side / 2 / foclen
     return 2 * (half.atan() if isinstance(half, Tensor) else math.atan(half))
-
-
-def coc_of(per_disparity: Tensor, focus: Tensor, depth: Tensor) -> Tensor:
-    """The law: signed CoC in mm of depths in mm, given A v and 1/s, the disparity in focus."""
-    return per_disparity * (focus - 1 / depth)
 
 
 def radii_of_each(lenses: Sequence[ThinLens], depth: Tensor) -> Tensor:
@@ -298,7 +283,7 @@ class ThinLens:
         self._require_real_image("foc_dist", self.foc_dist)
         z = self._limit(depth)
         per_disparity, s = self._terms(z)
-        radius = coc_of(per_disparity, 1 / s, z) / (2 * self.pixel_size)
+        radius: Tensor = coc_of(per_disparity, 1 / s, z) / (2 * self.pixel_size)
         if self.sharp_range is None:
             return radius
         return radius.masked_fill(distance_within("sharp_range", self.sharp_range, z), 0.0)

@@ -26,6 +26,7 @@ from defocus_core.io.images.describe import SAMPLE_BYTES, describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.request.job import Job, Machine, PictureFiles
 from defocus_core.system import memory
+from defocus_core.system.process import is_torch_loaded
 
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.renderer import Renderer
@@ -36,6 +37,8 @@ SHARE = 0.8
 _LEAST_MB, _USUAL = 160.0, 2.0
 # Memory of the code of libraries, which is loaded on first use.
 _OF_CALLS_MB = 32.0
+# Memory of torch and of the modules that use it, which are loaded where compiled loops do not do.
+_OF_TORCH_MB = 200.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
@@ -79,10 +82,16 @@ def _usual_limit_mb() -> float:
     return math.inf if available is None else SHARE * available + memory.held_mb()
 
 
-@cache
 def base_mb() -> float:
-    """Memory of the program with its libraries, at the first call: before any picture."""
-    return memory.held_mb() + _OF_CALLS_MB
+    """Memory of the program with its libraries, without pictures."""
+    mb, with_torch = _first_mb()
+    return mb + (_OF_TORCH_MB if is_torch_loaded() and not with_torch else 0.0)
+
+
+@cache
+def _first_mb() -> tuple[float, bool]:
+    """The same at the first call: before any picture; and whether torch was loaded then."""
+    return memory.held_mb() + _OF_CALLS_MB, is_torch_loaded()
 
 
 def _sizes(job: Job) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.exr.writing import clamped_half
+from defocus_core.picture.alone import views_alone
 from defocus_core.picture.memory_budget import (
     arrays_mb,
     base_mb,
@@ -27,12 +28,12 @@ from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import passes_of, surfaces_of, to_array
 from defocus_core.picture.steps.table import LENS, RADII, READ, apply_steps
-from defocus_core.picture.take import InputPair, Inputs, Pass, Surfaces, Take
+from defocus_core.picture.take import InputPair, Inputs, Pass, Take
 from defocus_core.picture.write import write
 from defocus_core.request.job import Job
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system import memory
-from defocus_core.system.process import delayed_signals, imports, set_to_render
+from defocus_core.system.process import delayed_signals, imports, may_have_gpu, set_to_render
 
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.renderer import Renderer
@@ -72,14 +73,24 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
 
     `progress`: called with (tiles done, tiles in all).
     """
-    import torch
-
     job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:
         return take
-    images, limit = _Images(take), limit_mb(job.machine)
-    set_to_render()
+    from defocus_core.renderer.compiled.carried import available
+
     begun = time.perf_counter(), time.process_time()
+    if available() and (alone := views_alone(take)) is not None:
+        views, bound = alone
+        images = _Images(take)
+        images.bound = bound
+        images.place(views)
+        if progress is not None:
+            progress(1, 1)
+        return _rendered(take, images, views.stats, "compiled", begun)
+    import torch
+
+    set_to_render()
+    images, limit = _Images(take), limit_mb(job.machine)
     surfaces = surfaces_of(take)
     passes = passes_of(surfaces)
     try:
@@ -97,41 +108,43 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
         problem = "does not fit into the memory of the GPU"
         remedy = "use ‹device› cpu, or a smaller ‹tile›"
         raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
-    return _rendered(take, images, surfaces, renderer, begun)
+    if take.device == "cuda":
+        torch.cuda.synchronize()
+    take = replace(take, lamps=surfaces.lamps, repair=surfaces.repair)
+    return _rendered(take, images, renderer.stats, renderer.back, begun)
 
 
 def _rendered(
-    take: Take, images: _Images, surfaces: Surfaces, renderer: Renderer, begun: tuple[float, float]
+    take: Take, images: _Images, counts: Mapping[str, int], back: str, begun: tuple[float, float]
 ) -> Take:
     """The take with its images; ``begun``: wall and CPU seconds at the start."""
-    import torch
+    from defocus_core.depth.diagnosis import DepthRepair
 
-    if take.device == "cuda":
-        torch.cuda.synchronize()
-    stats: dict[str, float] = {**renderer.stats, "pixels_invented": images.invented}
-    if surfaces.lamps is not None:
-        stats["lights"] = surfaces.lamps
+    stats: dict[str, float] = {**counts, "pixels_invented": images.invented}
+    if take.lamps is not None:
+        stats["lights"] = take.lamps
     return replace(
         take,
+        repair=take.repair or DepthRepair(),
         images=images.planes,
         clamped=images.clamped,
         reach=images.reach,
-        lamps=surfaces.lamps,
-        repair=surfaces.repair,
-        back=renderer.back,
+        back=back,
         bound_mb=images.bound if take.device == "cpu" else 0.0,
         seconds=time.perf_counter() - begun[0],
         cpu_seconds=time.process_time() - begun[1],
         stats=stats,
-        warnings=(*take.warnings, *_doubts(take, surfaces, renderer.stats)),
+        warnings=(*take.warnings, *_doubts(take, counts)),
     )
 
 
 def choose_device(name: str) -> str:
     """``cpu`` or ``cuda``."""
-    import torch
+    available = False
+    if name == "cuda" or (name == "auto" and may_have_gpu()):
+        import torch
 
-    available = name != "cpu" and torch.cuda.is_available()
+        available = torch.cuda.is_available()
     if name == "cuda" and not available:
         raise UsageProblem(
             "no-gpu", "PyTorch finds no CUDA GPU here", "use ‹device› cpu or auto", field="device"
@@ -140,14 +153,16 @@ def choose_device(name: str) -> str:
 
 
 def load() -> None:
-    """Import torch and the renderer, which takes seconds, and set up the allocator."""
+    """Import what every rendering needs, and set up the allocator."""
     memory.share_heap()
     memory.keep_freed()  # freed inputs leave room for rendering
     with delayed_signals(), imports():
         import OpenImageIO  # noqa: F401
-        import torch  # noqa: F401
 
-        import defocus_core.renderer.engine.renderer  # noqa: F401
+        from defocus_core.renderer.compiled.carried import available
+
+        if available():
+            import defocus_core.renderer.compiled.arrays  # noqa: F401
     base_mb()
 
 
@@ -169,10 +184,11 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
         yield each, Renderer(scene, each.settings)
 
 
-def _doubts(take: Take, surfaces: Surfaces, stats: Mapping[str, float]) -> Iterator[str]:
+def _doubts(take: Take, stats: Mapping[str, float]) -> Iterator[str]:
     """Warnings of a width of edges without effect, and of many negative pixels of left or right."""
     width = take.job.reading.edge_width
-    if width is not None and not (surfaces.repair.fraction or take.inputs.plate):
+    is_repaired = take.repair is not None and take.repair.fraction
+    if width is not None and not (is_repaired or take.inputs.plate):
         yield f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"
     if (fraction := stats.get("pixels_clamped", 0) / stats["pixels"]) >= _MANY_CLAMPED:
         why = "detail as fine as a pixel overshoots in half a lens"
@@ -213,9 +229,12 @@ class _Images:
             count = len(kind.rendered) * (channels if kind.whole else 1)
             self.planes[kind.name] = tuple(np.zeros((height, width), dtype) for _ in range(count))
 
-    def place(self, part: ViewTensors, of: Pass, *, first: bool = True) -> None:
-        """Copy a rendered region to its place; the trust is the least of all colours."""
-        if of.order:
+    def place(self, part: ViewTensors, of: Pass | None = None, *, first: bool = True) -> None:
+        """Copy a rendered region to its place; the trust is the least of all colours.
+
+        `of`: None for a pass of all colours.
+        """
+        if of and of.order:
             part = part._replace(images=[image[list(of.order)] for image in part.images])
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
@@ -223,7 +242,7 @@ class _Images:
         for kind, planes in self.planes.items():
             row = KINDS[kind]
             views = [to_array(getattr(part, view)) for view in row.rendered]
-            if row.whole and len(of.channels) * len(views) < len(planes):
+            if of and row.whole and len(of.channels) * len(views) < len(planes):
                 apart, some = len(planes) // len(views), of.channels
                 planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,18 +31,14 @@ _FARTHEST_PX = 1e8  # px, limit of the renderer
 
 def radii_of(lens: LensValues, depth: Depth) -> Radii:
     """The radii of a whole frame, or those of a file of radii."""
-    import torch
-
     px, infinity, scale = depth.metres, None, 1.0
     if isinstance(lens.blur, float):
         px = _relative(lens.blur, lens, depth)
     elif not depth.is_radius:
-        thin_lens = thin_lens_of(lens, depth.size)
-        px = computed(partial(_radii_at, thin_lens), depth.metres)
+        law = _Law.from_lens(lens, depth.size)
+        px = computed(law.radii, depth.metres)
         _refuse_infinite(px, lens.fnum, depth.metres, depth.path)
-        infinity = thin_lens.radius_at_infinity()
-        near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
-        scale = (infinity - near) * MM_PER_M
+        infinity, scale = law.at(math.inf), (law.at(math.inf) - law.at(MM_PER_M)) * MM_PER_M
     limits = _limits_of(px, depth)
     if depth.empty is not None:
         px[depth.empty] = limits[1]
@@ -99,18 +94,47 @@ def signed_radius(
     lens: LensValues, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
-    radius = _radii_at(thin_lens_of(lens, size), metres)
+    radius = _Law.from_lens(lens, size).radii(metres)
     _refuse_infinite(radius, lens.fnum, metres)
     return radius
 
 
-def _radii_at(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Signed radii in px at depths in metres."""
-    import torch
+class _Law(NamedTuple):
+    """The law of a lens of plain numbers, as `optics.thin_lens`, of arrays."""
 
-    depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
-    radius: NDArray[np.float32] = thin_lens.signed_radius(depth_mm).float().numpy()
-    return radius
+    per_disparity: float  # A v in mm²
+    focus: float  # 1 / s per mm
+    pixels: float  # mm of two pixels
+    sharp: tuple[float, float] | None  # the range in mm that has a radius of 0, too
+
+    @classmethod
+    def from_lens(cls, lens: LensValues, size: tuple[int, int]) -> Self:
+        """The law of a lens in front of a sensor of ``size`` (width, height) px."""
+        from defocus_core.optics.law import coc_per_disparity
+
+        s = math.inf if lens.foc_dist is None else lens.foc_dist
+        if not lens.foclen < s:
+            thin_lens_of(lens, size)  # says what is wrong
+        per_disparity = coc_per_disparity(lens.foclen, lens.fnum, s)
+        return cls(per_disparity, 1 / s, 2 * (lens.sensor_width / size[0]), lens.sharp_range)
+
+    def at(self, distance: float) -> float:
+        """The signed radius in px at a distance in mm, without a sharp range."""
+        from defocus_core.optics.law import coc_of
+
+        return float(coc_of(self.per_disparity, self.focus, distance) / self.pixels)
+
+    def radii(self, metres: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Signed radii in px at depths in metres."""
+        from defocus_core.optics.law import coc_of
+
+        z = metres.astype("float64") * MM_PER_M
+        with np.errstate(over="ignore", invalid="ignore"):  # refused by the caller
+            radius: NDArray[np.float32] = coc_of(self.per_disparity, self.focus, z)
+            radius = (radius / self.pixels).astype("float32")
+        if self.sharp is not None:
+            radius[(z >= self.sharp[0]) & (z <= self.sharp[1])] = 0
+        return radius
 
 
 def color_offsets(lens: LensValues, size: tuple[int, int]) -> tuple[float, float]:

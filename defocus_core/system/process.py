@@ -11,13 +11,15 @@ SIGTERM and SIGHUP stop at once, since their sender may not wait: no file is lef
 from __future__ import annotations
 
 import atexit
+import ctypes
 import gc
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -37,11 +39,40 @@ def cores() -> int:
 
 def set_to_render() -> None:
     """Set this process up for rendering; harmless when called again."""
-    import torch
-
-    torch.set_num_threads(1)
+    load_torch()
     sys.setswitchinterval(_SWITCH_SECONDS)
     memory.keep_freed()
+
+
+def is_torch_loaded() -> bool:
+    """Whether torch was imported: its import takes a second, and compiled loops need none of it."""
+    return "torch" in sys.modules
+
+
+def load_torch() -> None:
+    """Import torch, to use one thread for each operation."""
+    with delayed_signals(), imports():
+        import torch
+    if _TorchThreads.threads is None:
+        _TorchThreads.threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+
+
+def may_have_gpu() -> bool:
+    """Whether there is a driver of a GPU that torch may find; asked without torch."""
+    if is_torch_loaded() or Path("/dev/kfd").exists():
+        return True
+    for name in ("libcuda.so.1", "nvcuda.dll"):
+        with suppress(OSError):
+            ctypes.CDLL(name)
+            return True
+    return False
+
+
+class _TorchThreads:
+    """The number of threads that torch had when it was first set to render; None before that."""
+
+    threads: int | None = None
 
 
 @contextmanager
@@ -57,13 +88,14 @@ def imports() -> Iterator[None]:
 @contextmanager
 def settings_kept() -> Iterator[None]:
     """Leave torch's threads and the interpreter's switching after the block as they were."""
-    import torch
-
-    threads, interval = torch.get_num_threads(), sys.getswitchinterval()
+    threads, interval = None, sys.getswitchinterval()
+    if is_torch_loaded():
+        threads = sys.modules["torch"].get_num_threads()
     try:
         yield
     finally:
-        torch.set_num_threads(threads)
+        if count := threads or _TorchThreads.threads:
+            sys.modules["torch"].set_num_threads(count)
         sys.setswitchinterval(interval)
 
 

@@ -30,15 +30,29 @@ def versions() -> str:
 
 @cache
 def software() -> str:
-    """The libraries and CPU features that compute, on which last digits depend."""
-    import torch
-
+    """The libraries and the CPU that compute, on which last digits depend."""
     found = []
     for name in ("torch", "numpy", "numba"):
         with suppress(metadata.PackageNotFoundError):
             found.append(f"{name} {metadata.version(name)}")
-    capability: str = torch.backends.cpu.get_cpu_capability()
-    return ", ".join([*found, f"CPU {capability}"])
+    return ", ".join([*found, f"CPU {_cpu()}"])
+
+
+def _cpu() -> str:
+    """The name of the CPU, or without Numba its instructions, and those that torch is told to use.
+
+    torch itself is imported only where nothing else could have rendered.
+    """
+    try:
+        from llvmlite import binding  # type: ignore[import-untyped]
+
+        name: str = binding.get_host_cpu_name()
+    except ImportError:
+        import torch
+
+        return torch.backends.cpu.get_cpu_capability()
+    told = os.environ.get("ATEN_CPU_CAPABILITY")
+    return f"{name} {told}" if told else name
 
 
 def back_words() -> str:

@@ -10,9 +10,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import NamedTuple
 
-from torch import Tensor
-
 from defocus_core.allowed_values import MIN_TILE
+from defocus_core.tensors.later import Tensor
 
 
 class Box(NamedTuple):

@@ -12,10 +12,8 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
-import torch
-from torch import Tensor
-
 from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.threads import threaded
 
 # Memory in bytes that is assumed of a device that torch cannot ask.

@@ -14,14 +14,13 @@ if TYPE_CHECKING:
 else:
 
     class _Torch:
-        """The module, whose names are kept once they were asked for."""
+        """The module; it has its names from the first one on that is asked for."""
 
         def __getattr__(self, name: str) -> Any:
             import torch
 
-            value = getattr(torch, name)
-            setattr(self, name, value)
-            return value
+            self.__dict__ = vars(torch)
+            return getattr(torch, name)
 
     class _OfTensors(type):
         def __instancecheck__(cls, value: object) -> bool:

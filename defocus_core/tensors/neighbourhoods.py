@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import torch
-from torch import Tensor
-
 from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.later import Tensor, torch
 
 
 class Choice(Protocol):

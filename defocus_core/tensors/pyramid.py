@@ -10,12 +10,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-from torch.nn.functional import pad
-
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.later import Tensor, torch
 
 
 class Axis(NamedTuple):
@@ -59,7 +56,7 @@ def halves(length: int, axis: Axis) -> AxisHalving:
 def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: float) -> Tensor:
     """Values [..., H, W] with the missing pixels filled by a value."""
     missing = (across.before, across.after, down.before, down.after)
-    return pad(values, missing, value=value) if any(missing) else values
+    return torch.nn.functional.pad(values, missing, value=value) if any(missing) else values
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
@@ -90,7 +87,7 @@ def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
     half = other / 2
     before = (1, 0) if dim == -1 else (0, 0, 1, 0)
     after = (0, 1) if dim == -1 else (0, 0, 0, 1)
-    return even + pad(half, before) + pad(half, after)
+    return even + torch.nn.functional.pad(half, before) + torch.nn.functional.pad(half, after)
 
 
 def averaged(
@@ -106,7 +103,7 @@ def averaged(
             half = halves(values.shape[dim], axis)
             if half.before or half.after:
                 missing = (half.before, half.after)
-                values = pad(values, missing if dim == -1 else (0, 0, *missing))
+                values = torch.nn.functional.pad(values, missing if dim == -1 else (0, 0, *missing))
             values, axis = _halved(values, dim, axis.odd), half.axis
         middles.append(axis)
     return values * 0.25**level, (middles[0], middles[1])

@@ -9,9 +9,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import wraps
 from typing import ParamSpec, TypeVar, cast
 
-import torch
-from torch import Tensor
-from torch.utils.checkpoint import checkpoint
+from defocus_core.tensors.later import Tensor, torch
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -19,12 +17,18 @@ P = ParamSpec("P")
 
 
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
-    """The results of work on each piece, in order, `threads` pieces at a time."""
+    """The results of work of torch on each piece, in order, `threads` pieces at a time."""
+    is_alone = threads == 1 or len(pieces) < 2
+    return in_threads(work if is_alone else carried(work), pieces, threads)
+
+
+def in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
+    """The results of work without torch on each piece, in order, `threads` pieces at a time."""
     if threads == 1 or len(pieces) < 2:
         yield from map(work, pieces)
         return
     with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(carried(work), pieces)
+        yield from pool.map(work, pieces)
 
 
 def carried(work: Callable[[T], R]) -> Callable[[T], R]:
@@ -49,6 +53,8 @@ def graph_break(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         nonlocal uncompiled
+        import torch
+
         if "_dynamo" not in vars(torch):  # importing torch._dynamo takes a second
             return function(*args, **kwargs)
         if uncompiled is None:
@@ -126,7 +132,9 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
             return work(piece)
 
     def again(piece: T) -> R:
-        result = checkpoint(in_own_modes, piece, use_reentrant=False, preserve_rng_state=False)
+        result = torch.utils.checkpoint.checkpoint(
+            in_own_modes, piece, use_reentrant=False, preserve_rng_state=False
+        )
         return cast(R, result)
 
     return again

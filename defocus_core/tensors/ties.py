@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
+from defocus_core.tensors.later import Tensor, torch
 
 # Values of order 1 tie if they differ by at most so many roundings, or by so much in any precision,
 # as after a few sums.

@@ -7,11 +7,8 @@ from collections.abc import Sequence
 from operator import index
 from typing import Any, TypeVar
 
-import torch
-from torch import Tensor
-from torch.autograd import forward_ad
-
 from defocus_core.gone import remedy
+from defocus_core.tensors.later import Tensor, torch
 
 T = TypeVar("T")
 Scalar = float | Tensor
@@ -89,14 +86,14 @@ def backward_only(name: str, value: Any) -> None:
     """Refuse meta tensors, and those of torch.func, forward derivatives or vmap."""
     if not isinstance(value, Tensor):
         return
-    if type(value) is Tensor and value.is_meta:
+    if type(value) is torch.Tensor and value.is_meta:
         raise ValueError(
             f"{name} must hold values, got one on meta; what is rendered hangs on them"
         )
     what = "one within torch.func or vmap"
     if not torch._C._functorch.is_functorch_wrapped_tensor(value):
         what = "one with a forward derivative"
-        if forward_ad.unpack_dual(value).tangent is None:  # type: ignore[no-untyped-call]
+        if torch.autograd.forward_ad.unpack_dual(value).tangent is None:  # type: ignore[no-untyped-call]
             return
     remedy = "batches are its first dimension, gradients flow by backward and torch.autograd"
     raise ValueError(f"{name} must be a tensor of its own, got {what}; {remedy}")

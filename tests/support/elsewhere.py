@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import pytest
 import torch
+import torch.utils.checkpoint
 from launches import Launches
 from pretended_device import NAME, here, pretended, there
 from torch import Tensor
-
-from defocus_core.tensors import threads
 
 # What was counted since `elsewhere` was entered, in the forward and in each backward pass.
 _counted: list[Launches] = []
@@ -28,7 +27,7 @@ def elsewhere():
     with _known(), pytest.MonkeyPatch.context() as patch:
         # views of what was made in another mode have no version, of subclasses
         patch.setattr(torch, "inference_mode", lambda mode=True: nullcontext())
-        checkpoint = threads.checkpoint
+        checkpoint = torch.utils.checkpoint.checkpoint
 
         def again(work, *args, **options):
             def worked(*pieces):
@@ -37,7 +36,7 @@ def elsewhere():
 
             return checkpoint(worked, *args, **options)
 
-        patch.setattr(threads, "checkpoint", again)
+        patch.setattr(torch.utils.checkpoint, "checkpoint", again)
         yield
 
 

@@ -108,16 +108,10 @@ def _encoded(
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
     """``values`` as half, clamped to ±65504, and where that was needed; NaN stays NaN."""
-    import torch
-
     largest = np.float32(np.finfo(np.float16).max)
-    clamped = torch.from_numpy(np.require(values, requirements="W"))
-    if not clamped.numel() or max(float(clamped.amax()), -float(clamped.amin())) <= largest:
-        beyond = np.zeros(values.shape, bool)
-    else:  # or NaN
-        beyond = np.abs(values) > largest
-        clamped = clamped.clamp(-float(largest), float(largest))
-    return clamped.half().numpy(), beyond  # ten times as fast as NumPy
+    if not values.size or max(float(values.max()), -float(values.min())) <= largest:
+        return values.astype(np.float16), np.zeros(values.shape, bool)
+    return np.clip(values, -largest, largest).astype(np.float16), np.abs(values) > largest  # or NaN
 
 
 def as_half(plane: Any) -> Any:

@@ -19,7 +19,7 @@ from defocus_core.renderer.compiled.sight import farthest_seen, keep_in_frame
 from defocus_core.renderer.compiled.slots import Slots, slots_between
 from defocus_core.renderer.compiled.spread import room_of
 from defocus_core.renderer.compiled.surfaces import SlotSurfaces, halved, surfaces_of
-from defocus_core.tensors.threads import threaded
+from defocus_core.tensors.threads import in_threads
 
 # Radius in px that openings are drawn for at least, so that their shifts are known.
 _LEAST = 4
@@ -96,7 +96,7 @@ def render(
     def band(rows: tuple[int, int]) -> int:
         return int(render_band(given, drawn, room_of(reach, views, W), rows, out))
 
-    negative = sum(threaded(band, list(pairwise(ends)), count))
+    negative = sum(in_threads(band, list(pairwise(ends)), count))
     if max(-samples.range[0], samples.range[1]) > 0.5:
         keep_in_frame(radius[0], areas_below(outline), out[0, -1])
     return out, negative

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT
 from defocus_core.renderer.compiled.openings import has_spans
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.scene import InFocus, Surface
-from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.slice_radii import plane_of
+from defocus_core.tensors.later import Tensor, torch
+
+if TYPE_CHECKING:
+    from defocus_core.renderer.engine.frame import SharedFrame
+    from defocus_core.renderer.engine.scene import InFocus, Surface
+    from defocus_core.renderer.engine.settings import Settings
 
 # Colours that are spread together.
 CHANNELS = 3
@@ -45,17 +45,51 @@ def carries(frame: SharedFrame, scene: InFocus) -> bool:
 
 def carries_surface(surface: Surface, settings: Settings) -> bool:
     """The same of any surface, but for its radii."""
+    return (
+        carries_settings(settings)
+        and not any(x.dtype == torch.float64 for x in surface.tensors[:2])
+        and not _needs_torch(surface.tensors)
+    )
+
+
+def carries_settings(settings: Settings) -> bool:
+    """The same of any picture."""
     return bool(
         settings.back == "auto"
         and settings.quality == "standard"
         and settings.num_layers is None
         and settings.tile is None
         and settings.cat_eye is None
-        and not any(x.dtype == torch.float64 for x in surface.tensors[:2])
-        and not _needs_torch(surface.tensors)
         and _is_even(settings.aperture)
         and available()
     )
+
+
+# Bytes of Numba and of the functions that it has compiled.
+_CODE = 140e6
+# Bytes of a pixel, for a frame is rendered at once: in any case, and more if there are edges, left
+# and right, highlights, and surfaces of other than three colours, which torch finds. Rows of all
+# layers that a thread spreads in.
+_PIXEL, _OF_EDGES, _OF_PAIR, _OF_LIGHTS, _OF_OTHERS, _ROWS = 75, 70, 65, 115, 60, 1500
+
+
+def bytes_of_loops(
+    size: tuple[int, int],
+    settings: Settings,
+    *,
+    edges: bool,
+    lights: bool = False,
+    others: bool = False,
+) -> float:
+    """Upper bound of the bytes that rendering a (height, width) takes beside input and output.
+
+    `others`: whether torch finds its surfaces.
+    """
+    height, width = size
+    pair = settings.left_right
+    pixel = _PIXEL + _OF_EDGES * edges + _OF_PAIR * pair + _OF_LIGHTS * lights + _OF_OTHERS * others
+    row = width * 4 * 4 * (1 + pair)
+    return _CODE + height * width * pixel + settings.threads * _ROWS * row
 
 
 def carries_pair(settings: Settings) -> bool:

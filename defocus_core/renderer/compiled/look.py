@@ -12,7 +12,7 @@ import numpy as np
 
 from defocus_core.depth.ramps import HARD_STEP, INFINITE, MINIMUM, STEEP
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compositing.highlights import BRIGHTER
+from defocus_core.renderer.engine.settings import BRIGHTER
 from defocus_core.tensors.ties import off_round
 
 F32 = np.float32

@@ -17,23 +17,18 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-from torch.nn.functional import pad
-
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import reach
+from defocus_core.renderer.engine.settings import BRIGHTER
 from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import blocks_of
 from defocus_core.tensors.box import BLOCK, Box
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import exceeding, extreme_around, positions_of
-
-# A highlight is brighter than this many times the brightest of all but one pixel in 200.
-BRIGHTER = 2.0
 
 
 class Highlights(NamedTuple):
@@ -111,7 +106,7 @@ class _Occluders:
             self._layers.append(values)
         self._present = [held.any(2).any(1).tolist() for held in blocks]  # slices of each layer
         sums = torch.stack(blocks).any(0).cumsum(1).cumsum(2)
-        self._sums = pad(sums, (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
+        self._sums = torch.nn.functional.pad(sums, (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
 
     def clear(
         self, at: Tensor, radius: Tensor, lens: Sequence[Tensor], *, interpolated: bool
@@ -227,7 +222,7 @@ class _Group(NamedTuple):
         if self.extent > _AS_WIDE * math.ceil(_NEAR_FOCUS):
             return kernels
         weights = self.weights[:, None, None]
-        return kernels * weights + pad(1 - weights, [self.extent] * 4)
+        return kernels * weights + torch.nn.functional.pad(1 - weights, [self.extent] * 4)
 
 
 def draw(
@@ -251,7 +246,9 @@ def draw(
         side = -(-kernels.shape[-1] // across)
         beyond = across * side - kernels.shape[-1]
         # [M, U, across, across, side, side]
-        cut = pad(kernels, (0, beyond, 0, beyond)).view(*kernels.shape[:2], *(across, side) * 2)
+        cut = torch.nn.functional.pad(kernels, (0, beyond, 0, beyond)).view(
+            *kernels.shape[:2], *(across, side) * 2
+        )
         cut = cut.movedim(-2, -3)
         lit = (cut.detach() != 0).any(-1).any(-1).any(0)[group.which]
         for squares in torch.split(torch.nonzero(lit), max(1, _SAMPLES // side**2)):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from defocus_core.renderer.compiled.carried import by_loops, carries_pair
+from dataclasses import replace
+
+from defocus_core.renderer.compiled.carried import by_loops, bytes_of_loops, carries_pair
 from defocus_core.renderer.engine.frame import SharedFrame, corner_views
 from defocus_core.renderer.engine.plan import copies_of_tile
 from defocus_core.renderer.engine.renderer import Renderer
@@ -20,24 +22,16 @@ _SURVEYED, _MADE, _HELD = 6, 3, 1.2
 # Copies of a region of each layer, of all windows that are sorted and sliced.
 _COPIES_OF_LAYER = 8
 
-# Bytes of Numba and of the functions that it has compiled.
-_CODE = 140e6
-# Bytes of a pixel for the compiled back, which renders a frame at once: in any case, and more if
-# there are edges, left and right, highlights, and surfaces of other than three colours, which torch
-# finds. Rows of all layers that a thread spreads in.
-_PIXEL, _OF_EDGES, _OF_PAIR, _OF_LIGHTS, _OF_OTHERS, _ROWS = 75, 70, 65, 115, 60, 1500
-
 
 def memory_bound(renderer: Renderer, threads: int) -> float:
     """Upper bound of the bytes that rendering takes beside its input and output."""
     if renderer.back == "torch":
         return _bound_of_torch(renderer, threads)
-    content, pair = renderer.frame.content, renderer.frame.settings.left_right
-    pixel = _PIXEL + _OF_EDGES * content.edges + _OF_PAIR * pair + _OF_LIGHTS * content.highlights
-    pixel += _OF_OTHERS * (not by_loops(renderer.in_focus.surface))
-    row = renderer.size[1] * 4 * renderer.frame.dtype.itemsize * (1 + pair)
-    bound = _CODE + renderer.frame.box.area * pixel + threads * _ROWS * row
-    if pair and not carries_pair(renderer.frame.settings):
+    content, settings = renderer.frame.content, replace(renderer.frame.settings, threads=threads)
+    others = not by_loops(renderer.in_focus.surface)
+    options = {"edges": content.edges, "lights": content.highlights, "others": others}
+    bound = bytes_of_loops(renderer.size, settings, **options)
+    if settings.left_right and not carries_pair(settings):
         bound = max(bound, _bound_of_torch(renderer, threads))
     return bound
 

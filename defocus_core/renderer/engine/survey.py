@@ -9,8 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.compositing.highlights import BRIGHTER
 from defocus_core.renderer.engine.scene import BRIGHTEST
+from defocus_core.renderer.engine.settings import BRIGHTER
 from defocus_core.tensors.neighbourhoods import range_of, tally
 
 # Greatest radius in px: any picture is a point beside it.

@@ -12,11 +12,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import pieces
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.pyramid import Axis, AxisHalving, halves, spread_out
 
 # Edges of radius, in px per pixel, above which one surface hides another.

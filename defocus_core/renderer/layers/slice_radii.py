@@ -15,11 +15,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from defocus_core.renderer.engine.settings import Quality
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.ties import tied, with_gradient
 
 # Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.

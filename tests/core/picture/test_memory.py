@@ -109,7 +109,7 @@ def test_where_no_region_fits_a_gpu_the_picture_is_refused(tmp_path, monkeypatch
         raise torch.OutOfMemoryError
 
     monkeypatch.setattr(renderer.Renderer, "tiles", tiles)
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out")
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--quality", "high")
     refused(ran, 3, "out-of-memory", "a.exr")
 
 

@@ -1,0 +1,22 @@
+"""The law of the thin lens, of numbers, arrays and tensors alike; lengths are in mm.
+
+With A = f / N and v = f s / (s - f):
+
+    c(z) = A v (1/s - 1/z)
+
+is signed (negative nearer than focus) and affine in disparity 1/z, in which nothing needs a clamp.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def coc_per_disparity(foclen: Any, fnum: Any, foc_dist: Any) -> Any:
+    """A v = f² / (N (1 - f / s)) in mm², of f and s in mm: the CoC for a disparity of 1 per mm."""
+    return foclen * foclen / (fnum * (1 - foclen / foc_dist))
+
+
+def coc_of(per_disparity: Any, focus: Any, depth: Any) -> Any:
+    """The law: signed CoC in mm of depths in mm, given A v and 1/s, the disparity in focus."""
+    return per_disparity * (focus - 1 / depth)
