@@ -57,7 +57,7 @@ def longest_ramp(edge_width: float | None) -> int:
 def around_ramps(edge_width: float | None) -> int:
     """Px around a pixel that decide what `without_ramps` makes of it."""
     longest = longest_ramp(edge_width)
-    return longest + max(_FOOT_PX, longest // 2) + 3
+    return longest + max(_FOOT_PX, longest // 2) + 4
 
 
 def without_ramps(
@@ -98,12 +98,15 @@ def _ends_of_ramps(
     core = torch.where(exceeding(slope, steep), slope, 0.0)
     if not bool(core.any()):
         return None
-    ramp = slope > FOOT_FRACTION * extreme_around(core, foot_of, torch.maximum)
+    greatest = extreme_around(core, foot_of, torch.maximum)
+    ramp = slope > FOOT_FRACTION * greatest
     if scale is not None:  # a level of distance is many px of radius near the lens
         ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
     foot, ramp = ramp, core > 0
     for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
+    # left as it is, the pixel beyond the foot would stand beside a step that there was not
+    ramp |= extreme_around(ramp, 1, torch.maximum) & (slope > FOOT_FRACTION / 3 * greatest)
     at, (H, W) = positions_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.detach().flatten(), squares_around(at, (H, W)).flatten(1)

@@ -69,14 +69,14 @@ def test_the_picture_is_that_of_both_surfaces(kind, radii):
 
 
 @pytest.mark.parametrize("radii", RADII[:2])
-@pytest.mark.parametrize("kind", ["centre", "any", "full", "mean"])
+@pytest.mark.parametrize("kind", ["centre", "any", "full", "mean", "soft"])
 def test_a_silhouette_before_a_wall_that_is_known_is_as_smooth(kind, radii):
     """And so it is where the wall has colours of its own: each pixel's share of it is blurred."""
     (near, far), coverage = radii, blurred(disc(), 0)
     share, radius = blurred(disc(), near), named(kind, coverage, near, far)
     x, known = torch.arange(SIZE[1]).double(), torch.ones(SIZE, dtype=torch.bool)
     # in focus, a pixel whose depth names the disc keeps all of its light
-    for front, contrast, most, rms in ((0.02, 0.0, 0.01, 1e-3), (0.9, 0.3, 0.5, 0.016)):
+    for front, contrast, most, rms in ((0.02, 0.0, 0.01, 1.3e-3), (0.9, 0.3, 0.5, 0.016)):
         wall = (0.4 + contrast * (x / 3).sin()).expand(3, *SIZE)
         hidden = HiddenLayer(wall, torch.full_like(radius, far), known)
         color = coverage * front + (1 - coverage) * wall
