@@ -325,7 +325,7 @@ ROWS = [
     *(
         (words, lambda k=kind, v=values: Distribution(k, v))
         for kind, values, words in (
-            ("normal", (1, 2), "must be one of uniform, .*, got 'normal'"),
+            ("normal", (1, 2), "must be one of uniform, .*, got 'normal'; name one of them"),
             ("uniform", (1,), "must have two numbers as ends, got 1"),
             ("uniform", (2, 1), "must begin at the lower end, got 2 and 1"),
             ("loguniform", (0, 1), "must have ends above 0"),

@@ -44,7 +44,8 @@ class Distribution:
     def __post_init__(self) -> None:
         """Check the kind and the values."""
         if self.kind not in KINDS:
-            raise ValueError(f"a distribution must be one of {', '.join(KINDS)}, got '{self.kind}'")
+            problem = f"a distribution must be one of {', '.join(KINDS)}, got '{self.kind}'"
+            raise ValueError(f"{problem}; name one of them")
         object.__setattr__(self, "values", tuple(self.values))
         if self.kind == "choice":
             if not self.values:

@@ -155,9 +155,11 @@ def byte_count(text: str) -> int:
 def scale(text: str) -> float:
     """A factor, parsed from ``0.001``, ``1/256`` or ``-1``."""
     over, slash, under = text.partition("/")
-    if not all(values := [number(over), *([number(under)] if slash else [])]):
+    divisor = number(under) if slash else 1.0
+    factor = number(over) / divisor if divisor else 0.0
+    if factor == 0 or not math.isfinite(factor):
         raise QuantityError(f"'{text}' is 0 or not finite", "write it like 0.001 or 1/256")
-    return values[0] / values[-1] if slash else values[0]
+    return factor
 
 
 def distances(text: str) -> tuple[float, float]:

@@ -31,6 +31,7 @@ REFUSED = (
     (quantities.angle, ["0.3rad", "x"], "15deg"),
     (quantities.blades, ["1", "2"], "make no opening"),
     (quantities.blades, ["6.5", "six", "-3"], "is not a whole number"),
+    (quantities.scale, ["0", "1/0", "1e300/1e-300", "1e-300/1e300"], "is 0 or not finite"),
     (quantities.pixel, ["240", "1.5,2", "a,b", "1,2,3"], "is not a pixel"),
     (quantities.byte_count, ["400", "2e9", "0"], "has no unit; write it with a unit, like 2GB"),
     (quantities.byte_count, ["0B", "-1GB", "1XB", "much", "0.2B"], "like 2GB"),
