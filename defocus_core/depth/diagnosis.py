@@ -107,33 +107,6 @@ def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
     return radii if math.isinf(infinity) else distance_of(radii, infinity)
 
 
-def _neighbouring_radii(
-    band: Tensor, ranges: dict[int, Tensor], rows: tuple[int, int], before: int, width: int
-) -> Tensor:
-    """The radii [m, width] along both axes around the pixels of a band whose range matters.
-
-    `band`: [h, W] px; `ranges`: [h, W] px by axis, along it only of pixels that have so many
-    around.
-    """
-    W, masks, begins = band.shape[1], [], []
-    for dim, values in ranges.items():
-        shift = before if dim == -2 else 0
-        begins.append(max(rows[0] - shift, 0))
-        own = values[begins[-1] : max(rows[1] - shift, begins[-1])]
-        masks.append(exceeding(own, _MATTERS))
-    number = flat_nonzero(torch.cat([mask.flatten() for mask in masks]))
-    start, stride, passed = torch.zeros_like(number), torch.ones_like(number), 0
-    for dim, mask, begin in zip(ranges, masks, begins, strict=True):
-        own = number - passed
-        row = own.div(mask.shape[-1], rounding_mode="floor")
-        at = own + row * (W - mask.shape[-1]) + begin * W
-        start = torch.where(own >= 0, at, start)
-        stride = torch.where(own >= 0, W if dim == -2 else 1, stride)
-        passed += mask.shape[-2] * mask.shape[-1]
-    along = torch.arange(width, device=band.device) * stride[:, None]
-    return band.contiguous().flatten()[start[:, None] + along]
-
-
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """The places of the middle ones of 7 values [m, 7] on an edge.
 
@@ -230,7 +203,12 @@ def diagnosed(
     look for noise.
     """
     found = _found(signed_radius, infinity, threads)
-    return _diagnosis(signed_radius, found, infinity, noise)
+    if noise is None:
+        noise = noise_from([round(count) for count in found["scatter"]])
+        if noise is not None:
+            return DepthRepair(noise=noise)
+    repair = _repair(signed_radius, found, infinity)
+    return _with_wide_edges(repair, signed_radius, found, infinity)._replace(noise=noise)
 
 
 def _found(signed_radius: Tensor, infinity: float | None, threads: int) -> dict[str, list[float]]:
@@ -241,21 +219,6 @@ def _found(signed_radius: Tensor, infinity: float | None, threads: int) -> dict[
         return _evidence(signed_radius, rows, dtype, infinity)
 
     return _fetched(list(threaded(evidence, bands(signed_radius), threads)))
-
-
-def _diagnosis(
-    signed_radius: Tensor,
-    found: dict[str, list[float]],
-    infinity: float | None,
-    noise: float | None,
-) -> DepthRepair:
-    """The repair that the evidence of a picture asks for; arguments of `diagnosed`."""
-    if noise is None:
-        noise = noise_from([round(count) for count in found["scatter"]])
-        if noise is not None:
-            return DepthRepair(noise=noise)
-    repair = _repair(signed_radius, found, infinity)
-    return _with_wide_edges(repair, signed_radius, found, infinity)._replace(noise=noise)
 
 
 def _with_wide_edges(
@@ -338,22 +301,16 @@ def _repair(
     soft_edges = slope if soft else None
     if antialiased is not None:
         soft_edges = max(MINIMUM, _AVERAGED * slope)
+    # a few ramps among many hard edges are surfaces that are seen between two others
+    has_ramps = ramps > 0 and int(hard_steps(signed_radius.detach(), STEEP)) <= _RARE * ramps
     return DepthRepair(
         antialiased=antialiased,
-        ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
+        ramps=softest > STEEP or has_ramps,
         soft_edges=soft_edges,
         quantised=are_few(steps, signed_radius),
         edge_width=width if soft and antialiased is None else None,
         ramps_of=scale if antialiased is None else None,
     )
-
-
-def _has_ramps(signed_radius: Tensor, pixels: int) -> bool:
-    """Whether the given number of pixels on steep ramps are edges that the depth map has smoothed.
-
-    A few ramps among many hard edges are surfaces that are seen between two others.
-    """
-    return pixels > 0 and int(hard_steps(signed_radius.detach(), STEEP)) <= _RARE * pixels
 
 
 class _EdgeCounts(NamedTuple):

@@ -315,49 +315,26 @@ def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
 
 
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """The pixels near shifted parts of a silhouette, and their closest pixels of the silhouette.
+    """The pixels within reach of shifts, and their closest pixels of the silhouette.
 
-    By jump flooding (Rong and Tan 2006); of two that are as close, the first one.
+    Of two that are as close, the first one.
 
     `at`: [n, 2] rows and columns of the silhouette; `shift`: [n] px; `size`: (height, width) of the
     frame. Returns [m] numbers of pixels, [m] places in `at`, and [m] distances in px.
     """
-    n, (H, W) = len(at), size
-    number = at[:, 0] * W + at[:, 1]
-    owner = torch.full((H * W,), n, device=at.device)
-    owner[number] = torch.arange(n, device=at.device)
-    band = torch.zeros(H, W, dtype=torch.bool, device=at.device)
-    steps = [1 << k for k in range(int(shift.abs().amax()).bit_length() + 1)]
-    for reach in steps:  # each part by its own displacement
-        by = shift.abs()
-        own = number[(by > (reach // 2 or _HALF)) & (by <= reach)]
-        if not len(own):
-            continue
-        part = torch.zeros_like(band)
-        part.view(-1)[own] = True
-        band |= extreme_around(part, reach + 1, torch.maximum)
-    index = flat_nonzero(band)
-    row = index.div(W, rounding_mode="floor")
-    column = index - row * W
-    positions = torch.cat([at, at.new_full((1, 2), 4 * (H + W))])  # of no pixel: far away
-
-    def squared_distance(positions_of_owner: Tensor) -> Tensor:
-        y, x = positions.index_select(0, positions_of_owner).unbind(1)
-        return (y - row).square() + (x - column).square()
-
-    for step in (*reversed(steps), 1):
-        closest = owner.index_select(0, index)
-        minimum = squared_distance(closest)
-        for y, x in ((y, x) for y in (-step, 0, step) for x in (-step, 0, step)):
-            there = (row + y).clamp(0, H - 1) * W + (column + x).clamp(0, W - 1)
-            other = owner.index_select(0, there)
-            distance = squared_distance(other)
-            closer = (distance < minimum) | ((distance == minimum) & (other < closest))
-            closest = torch.where(closer, other, closest)
-            minimum = torch.where(closer, distance, minimum)
-        owner.index_copy_(0, index, closest)
-    known = closest < n
-    return index[known], closest[known], minimum[known].sqrt()
+    n, (H, W), reach = len(at), size, int(shift.abs().amax()) + 2
+    offset = torch.arange(-reach, reach + 1, device=at.device)
+    away = (offset.square()[:, None] + offset.square()).flatten()
+    nobody = n * (int(away.amax()) + 1)
+    first = torch.full((H * W,), nobody, device=at.device)
+    order, step = torch.arange(n, device=at.device), pieces(at.device, _BYTES_EACH)
+    for own, part in zip(torch.split(order, step), torch.split(at, step), strict=True):
+        # the closest pixel of the frame stands for one beyond it, which is farther: it never counts
+        around = squares_around(part, size, reach).flatten()
+        first.scatter_reduce_(0, around, (away * n + own[:, None]).flatten(), "amin")
+    index = flat_nonzero(first < nobody)
+    closest = first.index_select(0, index)
+    return index, closest % n, closest.div(n, rounding_mode="floor").sqrt()
 
 
 class Silhouette(NamedTuple):

@@ -52,8 +52,12 @@ def coarse_shifts(
     levels = max(0, math.ceil(math.log2(reach / DEEPEST)))
     while levels and min(size) < LEAST_SIDE << levels:
         levels -= 1
+    pyramid = [(signed_radius, pixels)]
+    for _ in range(levels):
+        pyramid.append(_halved(*pyramid[-1]))
     found: list[CoarseShifts] = []
-    for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
+    for level in range(levels, 0, -1):
+        radii, colors = pyramid[level]
         radii = with_coarse_shifts(radii, found, step, scale, level)
         silhouette = silhouette_of(radii, step, scale)
         if silhouette is None:
@@ -95,17 +99,6 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
         field[None, None], places, padding_mode="border", align_corners=False
     )
     return read[0, 0, 0].double()
-
-
-def _levels_of(
-    signed_radius: Tensor, pixels: Tensor, levels: int
-) -> list[tuple[int, tuple[Tensor, Tensor]]]:
-    """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
-    found, radii, colors = [], signed_radius, pixels
-    for level in range(1, levels + 1):
-        radii, colors = _halved(radii, colors)
-        found.append((level, (radii, colors)))
-    return found
 
 
 def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:

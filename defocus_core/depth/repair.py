@@ -24,12 +24,7 @@ from defocus_core.depth.ramps import (
     without_ramps,
     without_wide_ramps,
 )
-from defocus_core.depth.smoothing import (
-    AROUND_NOISE,
-    AROUND_TERRACES,
-    without_noise,
-    without_terraces,
-)
+from defocus_core.depth.smoothing import AROUND, without_noise, without_terraces
 from defocus_core.tensors.device_plan import repaired
 from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import range_of
@@ -96,8 +91,9 @@ def repair_depth(
             radii, shifts = _with_edges_of_colors(radii, image, repair, threads, decided, reach)
             repair = repair._replace(edge_shifts=shifts)
         if repair.quantised:
-            radii = repaired(radii, without_terraces, AROUND_TERRACES, threads=threads)
-        return radii, repair._replace(fraction=_fraction_changed(signed_radius, radii))
+            radii = repaired(radii, without_terraces, AROUND, threads=threads)
+        changed = 0 if radii is signed_radius else int((signed_radius != radii).sum())
+        return radii, repair._replace(fraction=changed / radii.numel())
 
 
 def _with_edges_of_colors(
@@ -127,11 +123,6 @@ def _with_edges_of_colors(
         median = shifts.median + sum(each.median for each in found)
         shifts = shifts._replace(median=median)
     return radii, shifts
-
-
-def _fraction_changed(before: Tensor, after: Tensor) -> float:
-    """The share of the pixels [H, W] that differ."""
-    return 0.0 if after is before else int((before != after).sum()) / before.numel()
 
 
 def check_repair(depth_repair: str, edge_width: float | None) -> None:
@@ -214,7 +205,7 @@ def _muted(signed_radius: Tensor, noise: float | None, threads: int) -> Tensor:
     if noise is None:
         return signed_radius
     muted = partial(without_noise, noise=noise)
-    return repaired(signed_radius, muted, AROUND_NOISE, threads=threads)
+    return repaired(signed_radius, muted, AROUND, threads=threads)
 
 
 # Half width in px of the square in which the silhouette, and the radii of its sides, are found.

@@ -33,9 +33,9 @@ _MEDIAN = 1.1606
 # greater one, in standard deviations, for a pixel that has no other near pixel.
 _SURE, _MAXIMUM, _ALONE = 4.0, off_round(3.5), 6.0
 # Radius in px of the disc whose pixels are averaged, and the number of rounds.
-_NEAR, _TIMES = 2, 2
-# Px around a pixel that decide what it becomes.
-AROUND_NOISE = _NEAR * _TIMES
+_NEAR, _ROUNDS = 2, 2
+# Px around a pixel that decide what it becomes without noise or terraces.
+AROUND = _NEAR * _ROUNDS
 # Half of the disc's offsets; the other half lies opposite.
 _HALF = [
     (y, x)
@@ -99,7 +99,7 @@ def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
     """Radii [H, W] px without noise of the given standard deviation in px."""
     radii = signed_radius.to(torch.promote_types(signed_radius.dtype, torch.float32))
     maximum = torch.full_like(radii, min(_SURE * noise, _MAXIMUM))
-    for _ in range(_TIMES):
+    for _ in range(_ROUNDS):
         radii, alone = _smoothed(radii, maximum)
         maximum = torch.where(alone, min(_ALONE * noise, _MAXIMUM), maximum)
     return radii
@@ -132,9 +132,6 @@ _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
 # Least and greatest step in px between terraces.
 _LEAST, _MOST = off_round(0.2), off_round(1.0)
-# Rounds in which a step is spread; px around a pixel that decide what it becomes.
-_ROUNDS = 2
-AROUND_TERRACES = _NEAR * _ROUNDS
 
 
 def steps_of(sizes: list[Tensor]) -> Tensor:

@@ -103,6 +103,7 @@ def test_what_is_in_focus_is_left_alone():
     assert torch.equal(partly.added[:, 40:], every.added[:, 40:])
     assert partly.count == every.count - 1
 
+
 def test_no_lamps_are_lint_in_focus_a_shirt_or_leaves():
     image, radius = torch.full((3, 600, 800), 0.15), torch.full((600, 800), 12.0)
     radius[150:, 250:550] = 0.2  # a person in focus, in a dark coat
