@@ -71,8 +71,9 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     if common is not None:
         return replace(common, left=common.but_noise, how=f"{common.how}, and noise"), ()
     # Causes known by their looks have other measures.
+    most = min((_SIMPLER * fit.left for fit in (*good, *[chosen] * bool(chosen))), default=1.0)
     for fit in _fits(evidence, looks=True):
-        if _is_enough(fit, evidence) and (not chosen or fit.left <= _SIMPLER * chosen.left):
+        if _is_enough(fit, evidence) and fit.left <= most:
             return fit, ()
     if chosen is not None:
         return None if evidence.is_rectangle else chosen, ()

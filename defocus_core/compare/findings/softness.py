@@ -1,6 +1,6 @@
 """Causes that make a picture softer or sharper: filters, a smaller size, local blurs.
 
-All filters are applied to, and measured in, the mean light of the channels in the frame.
+All filters are applied to the mean of the channels in the frame, of light or of stored values.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,17 @@ from defocus_core.compare.findings.evidence import (
 )
 from defocus_core.compare.selection import widened
 
-_SIMPLER = ("softer", "sharper", "lower resolution", "shifted", "scaled")
+_SIMPLER = ("softer", "sharper", "shifted", "scaled")
 _Plane = NDArray[np.float64]  # [h, w]
 _Kernel = Callable[[Any], Any]  # weights by distances, in units of its size
+_Way = tuple[tuple[int, int], tuple[_Kernel, _Kernel]]  # rows and columns; filters
 _LEAST, _MARGIN = 28, 8  # px on a side of the frame, and of its border that is ignored
 _SIGMAS, _PARTS = (0.6, 1.2, 2.4, 4.8), (16, 32)  # px of gaussians; px on a side of parts
+_RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
-_FACTORS = np.geomspace(1.015, 6, 200)  # of size
+_FACTORS = np.geomspace(1.03, 6, 200)  # of size
 _OFF, _PROBE, _KEPT = 0.04, 64, 4  # share of the sizes that are searched; px; candidates kept
-_TRIED, _NEAR = 3, 0.64  # filters that are tried for a size; their residual by response
+_TRIED, _NEAR = 3, 0.64  # pairs of filters that are tried; their residual by response
 _BLOCKS = (2, 4, 8)  # px on a side of repeated pixels
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _OF_LIGHT = 0.3  # least share of the power of a difference that channels share
@@ -65,14 +68,22 @@ def _blackman_harris(t: Any) -> Any:
     return sum(v * np.cos(2 * np.pi * k * t / 3) for k, v in enumerate(terms)) * (np.abs(t) < 1.5)
 
 
-# Separable filters that reduce and enlarge, by name.
-_FILTERS: tuple[tuple[str, _Kernel, _Kernel], ...] = (
-    ("bilinear", _box, _linear),
-    ("bilinear", _linear, _linear),
-    ("bicubic", keys, keys),
-    ("Lanczos", _lanczos, _lanczos),
-    ("Blackman-Harris", _blackman_harris, _blackman_harris),
-)
+def _first(t: Any) -> Any:
+    return (t == np.min(t, axis=-1, keepdims=True, where=t >= -0.5, initial=1)) * 1.0
+
+
+def _middle(t: Any) -> Any:
+    return (t == np.min(t, axis=-1, keepdims=True, where=t >= 0, initial=1)) * 1.0
+
+
+# Separable filters: one reduces, one enlarges.
+_FILTERS: dict[_Kernel, str] = {
+    _box: "nearest",
+    _linear: "bilinear",
+    keys: "bicubic",
+    _lanczos: "Lanczos",
+    _blackman_harris: "Blackman-Harris",
+}
 
 
 @cache
@@ -85,16 +96,22 @@ def _response(kernel: _Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """The mean light [h, w] of the channels of A and of B in the frame of a pair."""
+    """The mean [h, w] of the channels of A and of B in the frame of a pair, of light or stored."""
 
     evidence: Evidence
+    is_light: bool
 
     @cached_property
     def sides(self) -> tuple[_Plane, _Plane]:
-        """The light of A and of B."""
-        cut, of = self.evidence.frame, self.evidence
-        a, b = (of.light(of.values_at(side, *cut)).mean(axis=0) for side in ("a", "b"))
+        """A and B."""
+        of, cut = self.evidence, self.evidence.frame
+        values = (of.values_at(side, *cut) for side in "ab")
+        a, b = ((of.light(v) if self.is_light else v.astype("f8")).mean(axis=0) for v in values)
         return a, b
+
+    def scaled(self, values: _Plane) -> _Plane:
+        """Values of the frame on the scale of differences."""
+        return self.evidence.scaled_light(values) if self.is_light else values
 
     @cached_property
     def steady(self) -> NDArray[np.bool_]:
@@ -113,16 +130,45 @@ class _Frame:
     def slope(self) -> _Plane:
         """The slope of the scale of differences, 0 where light may be clipped [h, w]."""
         a, b = self.sides
-        return np.where(self.steady, steepness(np.maximum(np.abs(a), np.abs(b))), 0.0)
+        steep = steepness(np.maximum(np.abs(a), np.abs(b))) if self.is_light else 1.0
+        return np.where(self.steady, steep, 0.0)
+
+    @cached_property
+    def spectra(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The frequencies of A and of B, faded out at the borders."""
+        window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.sides[0].shape)))
+        a, b = (np.fft.rfft2((side - side.mean()) * window) for side in self.sides)
+        return a, b
+
+    @cached_property
+    def squares(self) -> NDArray[Any]:
+        """The squared frequency of each of a spectrum, in cycles per px."""
+        height, width = self.sides[0].shape
+        return np.asarray(np.fft.fftfreq(height)[:, None] ** 2 + np.fft.rfftfreq(width) ** 2)
+
+    @cached_property
+    def filtered(self) -> tuple[float, _Plane]:
+        """A through the isotropic response of B to A, and the residual of the spectra."""
+        old, new = self.spectra
+        rings = np.minimum(np.sqrt(self.squares) * 2 * _RINGS, _RINGS).astype(int)
+        power, common = (
+            np.bincount(rings.ravel(), v.ravel(), _RINGS + 1)
+            for v in (np.abs(old) ** 2, (old.conj() * new).real)
+        )
+        shares = common / np.maximum(power, 1e-300)
+        response = np.interp(np.sqrt(self.squares) * 2 * _RINGS - 0.5, np.arange(_RINGS + 1), shares)
+        response /= max(shares[0], 1e-3)  # the mean is kept
+        rest = float((np.abs(new - response * old) ** 2).sum())
+        there = np.fft.irfft2(response * np.fft.rfft2(self.sides[0]), s=self.sides[0].shape)
+        return rest / max(float((np.abs(new - old) ** 2).sum()), 1e-300), there
 
     @cached_property
     def smooth(self) -> list[list[_Plane]]:
         """A and B after each gaussian, periodic at the borders."""
-        height, width = self.sides[0].shape
-        square = np.fft.fftfreq(height)[:, None] ** 2 + np.fft.rfftfreq(width) ** 2
-        bells = [np.exp(-2 * (np.pi * sigma) ** 2 * square) for sigma in _SIGMAS]
+        bells = [np.exp(-2 * (np.pi * sigma) ** 2 * self.squares) for sigma in _SIGMAS]
+        size = self.sides[0].shape
         spectra = map(np.fft.rfft2, self.sides)
-        return [[np.fft.irfft2(s * bell, s=(height, width)) for bell in bells] for s in spectra]
+        return [[np.fft.irfft2(s * bell, s=size) for bell in bells] for s in spectra]
 
     @cached_property
     def is_sharper(self) -> bool:
@@ -140,16 +186,16 @@ class _Frame:
         used = ~self.chooses & self.steady
         for rim in (slice(_MARGIN), slice(-_MARGIN, None)):
             used[rim] = used[:, rim] = False
-        a, b = (self.evidence.scaled_light(side[used]) for side in self.sides)
+        a, b = (self.scaled(side[used]) for side in self.sides)
         return used, b, b - a
 
     def explain(
         self, predicted: _Plane, name: str, how: str, values: Mapping[str, Any]
     ) -> Explanation:
-        """The explanation by predicted light of B."""
+        """The explanation by a predicted frame of B."""
         used, b, whole = self._aim
-        light = predicted[used] if self.evidence.gamma == 1.0 else predicted[used].clip(0.0, 1.0)
-        rest = self.evidence.scaled_light(light) - b
+        there = predicted[used] if self.evidence.gamma == 1.0 else predicted[used].clip(0.0, 1.0)
+        rest = self.scaled(there) - b
         left, every = (float(np.square(v, dtype="f8").sum()) for v in (rest, whole))
         return Explanation(math.sqrt(left / every) if every else math.inf, name, how, values)
 
@@ -158,58 +204,57 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
     """B is a filtered A, or A a filtered B, also in parts; or B has more detail."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
-    frame = _Frame(evidence)
-    if min(frame.sides[0].shape) >= _LEAST and alike_by >= _OF_LIGHT * np.square(b - a).sum():
+    frames = [_Frame(evidence, is_light) for is_light in (True, evidence.is_linear)]
+    if min(frames[0].sides[0].shape) >= _LEAST and alike_by >= _OF_LIGHT * np.square(b - a).sum():
+        frame = frames[0]
+        if not evidence.is_linear:  # programs filter light, or what is stored
+            frame = min(frames, key=lambda each: each.filtered[0])
         yield from _filtered_in_parts(frame)
         yield from _resized(frame)
         yield from _denoised(frame)
 
 
 def _resized(frame: _Frame) -> Iterator[Explanation]:
-    """B is A reduced and enlarged again, or has blocks with one pixel or the mean of A."""
-    (height, width), (a, b) = frame.evidence.size, frame.sides
-    made: list[tuple[float, str, _Plane]] = []
-    for factor, (how, *kernels) in _factors(a, b):
-        probe = tuple(slice(max(n - _PROBE, 0) // 2, (n + _PROBE) // 2) for n in a.shape)
+    """B is A reduced and enlarged again, by filters or by leaving pixels out."""
+    (height, width), b = frame.evidence.size, frame.sides[1]
+    probe = tuple(slice(max(n - _PROBE, 0) // 2, (n + _PROBE) // 2) for n in b.shape)
 
-        def cost(size: tuple[int, int], kernels: Any = kernels, cut: Any = probe) -> float:
-            return float(np.square(_through_size(frame, size, kernels, cut) - b[cut]).sum())
+    def cost(way: _Way) -> float:
+        return float(np.square(_through_size(frame, *way, probe) - b[probe]).sum())
 
+    ways: list[_Way] = []
+    for factor, kernels in _factors(frame):
         reach = max(3, round(_OFF * width / factor))
         wide = {*range(round(width / factor) - reach, round(width / factor) + reach)}
         wide |= {round(width / usual) for usual in _BLOCKS}
-        sizes = sorted(((round(height * n / width), n) for n in wide if n > 1), key=cost)
-        size = min(((n + k, m) for n, m in sizes[:_KEPT] for k in (-1, 0, 1)), key=cost)
-        whole = tuple(slice(0, n) for n in a.shape)
-        made.append((width / size[1], how, _through_size(frame, size, kernels, whole)))
-    for side in _BLOCKS:
-        high, wide = (n // side for n in a.shape)
-        cut, middle = (slice(high * side), slice(wide * side)), side // 2
-        blocks = a[cut].reshape(high, side, wide, side)
-        for values in (blocks.mean((1, 3)), blocks[:, 0, :, 0], blocks[:, middle, :, middle]):
-            there = b.copy()
-            there[cut] = np.kron(values, np.ones((side, side)))
-            made.append((side, "nearest", there))
-    for factor, how, there in made:
+        sizes = ((round(height * n / width), n) for n in wide if 1 < n <= width / _FACTORS[0])
+        few = sorted(((size, kernels) for size in sizes), key=cost)[:_KEPT]
+        ways += [((n + k, m), kernels) for (n, m), kernels in few for k in (-1, 0, 1)]
+    for side, down in product(_BLOCKS, (*_FILTERS, _first, _middle)):
+        ways.append(((round(height / side), round(width / side)), (down, _box)))
+    for size, kernels in sorted(ways, key=cost)[:_TRIED]:
+        factor = width / size[1]
         of = {2.0: "half", 4.0: "a quarter of the"}.get(factor, f"{1 / factor:.0%} of the")
-        said, values = f": {of} resolution, {how}", {"factor": factor}
-        yield frame.explain(there, "lower resolution", said, values)
+        how = f": {of} resolution, {_FILTERS[kernels[1]]}"
+        there = _through_size(frame, size, kernels, tuple(slice(0, n) for n in b.shape))
+        yield frame.explain(there, "lower resolution", how, {"factor": factor})
 
 
-def _factors(a: _Plane, b: _Plane) -> list[tuple[float, tuple[Any, ...]]]:
-    """The filters with the response of B to A, and factors of size, the most alike first."""
-    window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in a.shape)))
-    rows = np.abs(np.fft.fftfreq(len(a))) < _SMOOTH
-    old, new = (np.fft.rfft2((side - side.mean()) * window)[rows] for side in (a, b))
+def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:
+    """Pairs of filters with the response of B to A, and factors of size, the most alike first."""
+    rows = np.abs(np.fft.fftfreq(len(frame.sides[0]))) < _SMOOTH
+    old, new = (spectrum[rows] for spectrum in frame.spectra)
     power, common = (np.abs(old) ** 2).sum(axis=0), (old.conj() * new).real.sum(axis=0)
-    frequencies, every, found = np.fft.rfftfreq(a.shape[1]), (np.abs(old - new) ** 2).sum(), []
-    for row in _FILTERS:
-        across = [np.interp(frequencies * _FACTORS[:, None], *_response(k)) for k in row[1:]]
-        costs = np.square(np.prod(across, axis=0)) @ power - 2 * np.prod(across, axis=0) @ common
-        left = float(costs.min() + (np.abs(new) ** 2).sum())
-        found.append((left, float(_FACTORS[costs.argmin()]), row))
+    every, whole = float((np.abs(old - new) ** 2).sum()), float((np.abs(new) ** 2).sum())
+    frequencies = np.fft.rfftfreq(frame.sides[0].shape[1]) * _FACTORS[:, None]
+    across = {kernel: np.interp(frequencies, *_response(kernel)) for kernel in _FILTERS}
+    found = []
+    for kernels in product(_FILTERS, [*_FILTERS][1:]):
+        both = across[kernels[0]] * across[kernels[1]]
+        costs = np.square(both) @ power - 2 * both @ common
+        found.append((float(costs.min()) + whole, float(_FACTORS[costs.argmin()]), kernels))
     near = sorted((each for each in found if each[0] < _NEAR * every), key=lambda each: each[0])
-    return [(factor, row) for _, factor, row in near[:_TRIED]]
+    return [(factor, kernels) for _, factor, kernels in near[:_TRIED]]
 
 
 def _through_size(
@@ -234,7 +279,7 @@ def _through_size(
 
 def _denoised(frame: _Frame) -> Iterator[Explanation]:
     """B is A with medians, or with means of similar neighbours."""
-    a, b = (frame.evidence.scaled_light(side).astype("f4") for side in frame.sides)
+    a, b = (frame.scaled(side).astype("f4") for side in frame.sides)
     (height, width), padded = a.shape, np.pad(a, 2, mode="edge")
     beside = np.stack([padded[y : height + y, x : width + x] for y, x in np.ndindex(5, 5)])
     near = [k for k, (y, x) in enumerate(np.ndindex(5, 5)) if 0 < y < 4 and 0 < x < 4]
@@ -247,8 +292,8 @@ def _denoised(frame: _Frame) -> Iterator[Explanation]:
         shares = summed_up(some, b - a, 1.0 * frame.chooses)
         if shares.sum() > 0.2:
             shown = a + sum(s * detail for s, detail in zip(shares, some, strict=True))
-            light = frame.evidence.unscaled_light(shown)
-            yield frame.explain(light, "softer", ": smeared as by a denoiser", {})
+            there = frame.evidence.unscaled_light(shown) if frame.is_light else shown
+            yield frame.explain(there, "softer", ": smeared as by a denoiser", {})
 
 
 def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
@@ -283,6 +328,7 @@ def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
         there = a + change / np.where(slope > 0, slope, 1.0)
         how = others or f" by about {radius:.2g} px"
         fits.append(frame.explain(there, names[0], how, values))
+    fits.append(frame.explain(frame.filtered[1], names[0], how, values))
     if lost >= 0.5 or frame.is_sharper:
         yield replace(min(fits, key=lambda fit: fit.left), beyond=_SIMPLER)
 

@@ -90,7 +90,7 @@ CAUSES = (
     Cause("softer", "blurred or denoised, by how many px", "softness.softened", left=0.6),
     Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.6),
     Cause("another CoC", _COC, "softness.softened", left=0.6),
-    Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.25),
+    Cause("lower resolution", "of which size", "softness.softened", left=0.25),
     # Known by the looks of a difference.
     Cause(
         "compressed with losses",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any
 
@@ -393,9 +393,10 @@ def curve(evidence: Evidence) -> Iterator[Explanation]:
     for how, each in zip(("", " of each channel"), curves, strict=True):
         if all(curve is not None for curve in each):
             there = evidence.unscaled(np.stack(each).reshape(a.shape))
-            yield evidence.explain(
+            fit = evidence.explain(
                 *(there, "another tone curve", how), where=evidence.steady, follows_rounding=True
             )
+            yield replace(fit, but_noise=math.inf)  # a curve follows much else
 
 
 def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:
