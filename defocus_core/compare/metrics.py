@@ -73,7 +73,6 @@ _LUMA = {**dict(zip("RGB", LUMINANCE, strict=True)), "Y": 1.0}
 COSTLY = 2**21  # pixels above which sRGB and hdr metrics are measured only if rules need them
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
 _BLOCK, _DETAIL = 32, 0.01  # px on a side of blocks; least standard deviation of detail
-_APART = 101  # step of sampled pixels
 
 
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
@@ -134,7 +133,7 @@ def measure(
         metrics |= _on_scales(pixels, total, shown=shown)
     if small if asked is None else "ssim" in asked:
         metrics |= _similarity(pixels)
-    metrics["p99.9"] = _percentile(differences.greatest, pixels.finite, total)
+    metrics["p99.9"] = _percentile(differences.greatest, pixels.finite)
     metrics["pixels"] = int(np.count_nonzero(differences.greatest > over))
     metrics["share"] = metrics["pixels"] / total
     if "block" in (asked or ()):
@@ -167,14 +166,17 @@ def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
 
 
 def _similarity(pixels: Pixels) -> dict[str, float]:
-    if min(pixels.shape) <= 2 * REACH:
-        return {}
-    values = []
-    for layer in pixels.color:
-        a, b = (_luma_of(pixels, side, layer) for side in ("a", "b"))
-        values.append(_ssim(a, b, pixels.finite))
-    known = [value for value in values if value is not None]
-    return {"ssim": min(known)} if known and len(known) == len(values) else {}
+    """SSIM over the windows with compared middles, of the worst layer; empty without one."""
+    values, inner = [], slice(REACH, -REACH)
+    for layer in pixels.color if min(pixels.shape) > 2 * REACH else ():
+        total, count = 0.0, 0
+        for top in range(0, pixels.shape[0] - 2 * REACH, _STRIP):
+            rows = slice(top, top + _STRIP + 2 * REACH)
+            each = similarity(*(_luma_of(pixels, side, layer, rows) for side in "ab"))
+            each = each if pixels.finite is None else each[pixels.finite[rows][inner, inner]]
+            total, count = total + float(each.sum()), count + each.size
+        values += [total / count] if count else []
+    return {"ssim": min(values)} if values else {}
 
 
 def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
@@ -197,7 +199,7 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
                 of_screen[name] += float(np.square(difference).sum(dtype=np.float64))
     metrics = {
         "hdr-max": float(greatest.max()),
-        "hdr-p99.9": _percentile(greatest, pixels.finite, total),
+        "hdr-p99.9": _percentile(greatest, pixels.finite),
         "hdr-psnr": psnr(squares / (total * len(pixels.names))),
     }
     if shown and colors:
@@ -214,40 +216,14 @@ def _difference(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None)
     return difference
 
 
-def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
-    luma = np.zeros(pixels.shape, np.float32)
-    for name in layer:
-        luma += encoded(pixels.plane(side, name), pixels.gamma) * np.float32(_LUMA[name[-1]])
-    return luma
+def _luma_of(pixels: Pixels, side: str, layer: Sequence[str], rows: slice) -> NDArray[np.float64]:
+    planes = (encoded(pixels.plane(side, name)[rows], pixels.gamma) for name in layer)
+    shares = (np.float32(_LUMA[name[-1]]) for name in layer)
+    return sum(map(np.multiply, planes, shares), np.float32(0)).astype(np.float64)
 
 
-def _ssim(
-    a: NDArray[np.float32], b: NDArray[np.float32], finite: NDArray[np.bool_] | None
-) -> float | None:
-    """Structural similarity of lumas [H, W] over windows with compared middles, or None."""
-    total, count = 0.0, 0
-    inner = slice(REACH, -REACH)
-    for top in range(0, a.shape[0] - 2 * REACH, _STRIP):
-        rows = slice(top, top + _STRIP + 2 * REACH)
-        values = similarity(*(side[rows].astype(np.float64) for side in (a, b)))
-        if finite is not None:
-            values = values[finite[rows][inner, inner]]
-        total, count = total + float(values.sum()), count + values.size
-    return total / count if count else None
-
-
-def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None, total: int) -> float:
-    """The 99.9th percentile, linear between the two nearest."""
-    values = greatest.ravel() if finite is None else greatest[finite]
-    place = 0.999 * (total - 1)
-    lower = math.floor(place)
-    upper = min(lower + 1, total - 1)
-    few = values[values >= np.quantile(values[::_APART], 0.99, method="lower")]
-    below = total - few.size  # pixels below all of the few
-    few, below = (few, below) if below <= lower else (values, 0)
-    ordered = np.partition(few, (lower - below, upper - below))
-    low, high = float(ordered[lower - below]), float(ordered[upper - below])
-    return low + (place - lower) * (high - low)
+def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None) -> float:
+    return float(np.percentile(greatest if finite is None else greatest[finite], 99.9))
 
 
 def equal_metrics(pixels: Pixels) -> Mapping[str, float]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.picture import DecodedPicture, read_picture
+from defocus_core.compare.picture import read_picture
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 
@@ -65,7 +65,11 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
 
     `size`: (height, width) of the picture.
     """
-    mask = _of_size(path, size, "give a mask of the size of the picture")
+    mask = read_picture(path)
+    if (mask.height, mask.width) != size:
+        problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
+        remedy = "give a mask of the size of the picture"
+        raise InputError("wrong-size", problem, remedy, path=path)
     planes = [plane for plane in mask.planes.values() if plane.shape == size]
     if any(np.isnan(plane).any() for plane in planes):
         raise InputError(
@@ -80,15 +84,6 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
             "empty", "is 0 everywhere", "make it 1 where pixels are to be compared", path=path
         )
     return selected
-
-
-def _of_size(path: Path, size: tuple[int, int], remedy: str) -> DecodedPicture:
-    """A decoded picture, refused if it is not of this (height, width)."""
-    picture = read_picture(path)
-    if (picture.height, picture.width) != size:
-        problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
-        raise InputError("wrong-size", problem, remedy, path=path)
-    return picture
 
 
 def anti_aliased(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
@@ -136,41 +131,22 @@ def _neighbours(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
             yield padded[row : row + height, column : column + width]
 
 
-def read_radius(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
-    """The signed radius [H, W] in px of a CoC map, 0 where it is not finite."""
-    picture = _of_size(path, size, "give the CoC maps of these pictures")
-    plane = picture.planes.get("coc")
-    if plane is None and len(picture.planes) == 1:
-        (plane,) = picture.planes.values()
-    if plane is None:
-        problem = f"has no channel coc, only {', '.join(picture.planes)}"
-        raise InputError(
-            "no-such-channel", problem, "give what 'defocus render ‹outputs› coc' wrote", path=path
-        )
-    radius = np.asarray(plane, np.float32)
-    return np.where(np.isfinite(radius), radius, np.float32(0.0))
-
-
 def beside_jumps(values: NDArray[Any], least: float = _EDGE) -> NDArray[np.bool_]:
     """Pixels [H, W] with a neighbour whose value differs by more than ``least``."""
     edges = np.zeros(values.shape, bool)
-    across = np.abs(np.diff(values, axis=1)) > least
-    down = np.abs(np.diff(values, axis=0)) > least
-    for beside, step in ((edges[:, 1:], across), (edges[:, :-1], across)):
-        beside |= step
-    for beside, step in ((edges[1:], down), (edges[:-1], down)):
-        beside |= step
+    for one, other in ((edges, values), (edges.T, values.T)):
+        jumps = np.abs(np.diff(other, axis=0)) > least
+        one[1:] |= jumps
+        one[:-1] |= jumps
     return edges
 
 
 def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Pixels with a true one within ``reach`` rows and columns."""
     for axis in (0, 1):
-        length = mask.shape[axis]
-        counts = np.cumsum(mask, axis=axis, dtype=np.int32)
-        first = np.clip(np.arange(length) - reach - 1, -1, length - 1)
-        last = np.minimum(np.arange(length) + reach, length - 1)
-        below: Any = np.take(counts, np.maximum(first, 0), axis=axis)
-        outside = np.expand_dims(first < 0, 1 - axis)
-        mask = np.take(counts, last, axis=axis) - np.where(outside, 0, below) > 0
+        pad = [(reach + 1, reach) if axis == other else (0, 0) for other in (0, 1)]
+        counts = np.pad(mask.astype(np.int32), pad).cumsum(axis=axis)
+        counts = counts if axis == 0 else counts.T
+        mask = counts[2 * reach + 1 :] > counts[: -2 * reach - 1]
+        mask = mask if axis == 0 else mask.T
     return mask

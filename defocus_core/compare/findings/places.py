@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import Evidence, blocks_in_turn
 from defocus_core.compare.findings.table import Finding
-from defocus_core.compare.picture import DecodedPicture
-from defocus_core.compare.selection import beside_jumps, read_radius, widened
+from defocus_core.compare.picture import DecodedPicture, read_picture
+from defocus_core.compare.selection import beside_jumps, widened
 from defocus_core.errors import InputError
 
 _Places = Iterator[tuple[str, str, NDArray[np.bool_]]]  # name, words after it, and pixels
@@ -79,13 +79,14 @@ def place_of(
 
 def coc_map(file: DecodedPicture) -> NDArray[Any] | None:
     """The signed radius [H, W] in px of a picture: a channel ``coc``, or that of a file beside."""
-    size = file.height, file.width
-    if (plane := file.planes.get("coc")) is not None and plane.shape == size:
-        return np.nan_to_num(plane.astype(np.float32))
-    beside = file.path.parent.parent / "coc" / f"{file.path.stem}.exr"
-    with suppress(InputError):
-        return read_radius(beside, size) if beside.is_file() and beside != file.path else None
-    return None
+    planes, path = file.planes, file.path.parent.parent / "coc" / f"{file.path.stem}.exr"
+    if "coc" not in planes and path.is_file() and path != file.path:
+        with suppress(InputError):
+            planes = read_picture(path).planes
+            planes = planes if len(planes) > 1 else {"coc": next(iter(planes.values()))}
+    plane = planes.get("coc")
+    of_size = plane is not None and plane.shape == (file.height, file.width)
+    return np.nan_to_num(np.asarray(plane, "f4"), posinf=0, neginf=0) if of_size else None
 
 
 def _by_scene(

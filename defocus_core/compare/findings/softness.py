@@ -6,7 +6,7 @@ All filters are applied to the mean of the channels in the frame, of light or of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import product
@@ -30,7 +30,7 @@ _Plane = NDArray[np.float64]  # [h, w]
 _Kernel = Callable[[Any], Any]  # weights by distances, in units of its size
 _Way = tuple[tuple[int, int], tuple[_Kernel, _Kernel]]  # rows and columns; filters
 _LEAST, _MARGIN = 28, 8  # px on a side of the frame, and of its border that is ignored
-_SIGMAS, _PARTS = (0.6, 1.2, 2.4, 4.8), (16, 32)  # px of gaussians; px on a side of parts
+_SIGMAS, _PART = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of parts
 _RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
 _FACTORS = np.geomspace(1.03, 6, 200)  # of size
@@ -150,14 +150,13 @@ class _Frame:
     def filtered(self) -> tuple[float, _Plane]:
         """A through the isotropic response of B to A, and the residual of the spectra."""
         old, new = self.spectra
-        rings = np.minimum(np.sqrt(self.squares) * 2 * _RINGS, _RINGS).astype(int)
-        power, common = (
-            np.bincount(rings.ravel(), v.ravel(), _RINGS + 1)
-            for v in (np.abs(old) ** 2, (old.conj() * new).real)
-        )
+        radii = np.sqrt(self.squares) * 2 * _RINGS
+        rings = np.minimum(radii, _RINGS).astype(int).ravel()
+        products = np.abs(old) ** 2, (old.conj() * new).real
+        power, common = (np.bincount(rings, v.ravel(), _RINGS + 1) for v in products)
         shares = common / np.maximum(power, 1e-300)
-        response = np.interp(np.sqrt(self.squares) * 2 * _RINGS - 0.5, np.arange(_RINGS + 1), shares)
-        response /= max(shares[0], 1e-3)  # the mean is kept
+        shares /= max(shares[0], 1e-3)  # the mean is kept
+        response = np.interp(radii - 0.5, np.arange(_RINGS + 1), shares)
         rest = float((np.abs(new - response * old) ** 2).sum())
         there = np.fft.irfft2(response * np.fft.rfft2(self.sides[0]), s=self.sides[0].shape)
         return rest / max(float((np.abs(new - old) ** 2).sum()), 1e-300), there
@@ -175,10 +174,8 @@ class _Frame:
         """Whether the difference is like the detail of A, as that of noise is not."""
         (a, b), (used, *_) = self.sides, self._aim
         change, detail = (v[used] for v in (b - a, a - self.smooth[0][2]))
-        common = float((change * detail).sum())
-        return common > _COHERENT * float(
-            np.sqrt(np.square(change).sum() * np.square(detail).sum())
-        )
+        both = np.square(change).sum() * np.square(detail).sum()
+        return bool((change * detail).sum() > _COHERENT * np.sqrt(both))
 
     @cached_property
     def _aim(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -189,14 +186,11 @@ class _Frame:
         a, b = (self.scaled(side[used]) for side in self.sides)
         return used, b, b - a
 
-    def explain(
-        self, predicted: _Plane, name: str, how: str, values: Mapping[str, Any]
-    ) -> Explanation:
+    def explain(self, there: _Plane, name: str, how: str, **values: float) -> Explanation:
         """The explanation by a predicted frame of B."""
         used, b, whole = self._aim
-        there = predicted[used] if self.evidence.gamma == 1.0 else predicted[used].clip(0.0, 1.0)
-        rest = self.scaled(there) - b
-        left, every = (float(np.square(v, dtype="f8").sum()) for v in (rest, whole))
+        there = there[used] if self.evidence.gamma == 1.0 else there[used].clip(0.0, 1.0)
+        left, every = (float(np.square(v).sum()) for v in (self.scaled(there) - b, whole))
         return Explanation(math.sqrt(left / every) if every else math.inf, name, how, values)
 
 
@@ -237,7 +231,7 @@ def _resized(frame: _Frame) -> Iterator[Explanation]:
         of = {2.0: "half", 4.0: "a quarter of the"}.get(factor, f"{1 / factor:.0%} of the")
         how = f": {of} resolution, {_FILTERS[kernels[1]]}"
         there = _through_size(frame, size, kernels, tuple(slice(0, n) for n in b.shape))
-        yield frame.explain(there, "lower resolution", how, {"factor": factor})
+        yield frame.explain(there, "lower resolution", how, factor=factor)
 
 
 def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:
@@ -293,47 +287,44 @@ def _denoised(frame: _Frame) -> Iterator[Explanation]:
         if shares.sum() > 0.2:
             shown = a + sum(s * detail for s, detail in zip(shares, some, strict=True))
             there = frame.evidence.unscaled_light(shown) if frame.is_light else shown
-            yield frame.explain(there, "softer", ": smeared as by a denoiser", {})
+            yield frame.explain(there, "softer", ": smeared as by a denoiser")
 
 
 def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
-    """B is A blurred, or A is B blurred, by a different amount in each part of the frame.
+    """B is A blurred, or A is B blurred, everywhere or by a different amount in each part.
 
     Each part has a sum of gaussians, by least squares at the choosing pixels.
     """
-    (a, b), slope, fits = frame.sides, frame.slope, []
+    (a, b), slope, smooth = frame.sides, frame.slope, frame.smooth
     old, new = (
-        sums_of_parts(np.square(side - smooth[2]), _PARTS[0])
-        for side, smooth in zip(frame.sides, frame.smooth, strict=True)
+        sums_of_parts(np.square(v - s[2]), _PART) for v, s in zip(frame.sides, smooth, strict=True)
     )
-    softer = _spread(new < old, _PARTS[0], a)
-    smooth = zip(*frame.smooth, strict=True)
-    columns = [np.where(softer, x - a, b - y) * slope for x, y in smooth]
+    softer = _spread(new < old, a)
+    columns = [np.where(softer, x - a, b - y) * slope for x, y in zip(*smooth, strict=True)]
     aim = (b - a) * slope
     energy = np.square(aim)
     lost = float(energy[softer].sum() / max(energy.sum(), 1e-300))
+    if lost < 0.5 and not frame.is_sharper:
+        return
+    products = [[x * y * frame.chooses for x in columns] for y in (*columns, aim)]
+    sums = np.array([[sums_of_parts(x, _PART) for x in row] for row in products])
+    square, sums = np.moveaxis(sums[:-1], (0, 1), (-2, -1)), np.moveaxis(sums[-1], 0, -1)
+    scale = np.trace(square, axis1=-2, axis2=-1)
+    ridge = (1e-3 * (scale + scale.mean()) + 1e-30)[..., None, None] * np.eye(len(columns))
+    solved = np.linalg.solve(square + ridge, sums[..., None])[..., 0]
+    change = sum(_spread(solved[..., k], a) * x for k, x in enumerate(columns))
+    spread = float((sums_of_parts(energy, _PART) * (solved @ np.square(_SIGMAS))).sum())
+    radius = 2 * math.sqrt(abs(spread) / max(float(energy.sum()), 1e-300))
     names = ("softer", "sharper") if lost >= 0.5 else ("sharper", "softer")
-    others = f" in places, {names[1]} in others" * (1 - _ONE_WAY < lost < _ONE_WAY)
-    for part in _PARTS:
-        products = [[x * y * frame.chooses for x in columns] for y in (*columns, aim)]
-        sums = np.array([[sums_of_parts(x, part) for x in row] for row in products])
-        square, sums = np.moveaxis(sums[:-1], (0, 1), (-2, -1)), np.moveaxis(sums[-1], 0, -1)
-        scale = np.trace(square, axis1=-2, axis2=-1)
-        ridge = (1e-3 * (scale + scale.mean()) + 1e-30)[..., None, None] * np.eye(len(columns))
-        solved = np.linalg.solve(square + ridge, sums[..., None])[..., 0]
-        change = sum(_spread(solved[..., k], part, a) * x for k, x in enumerate(columns))
-        spread = float((sums_of_parts(energy, part) * (solved @ np.square(_SIGMAS))).sum())
-        radius = 2 * math.sqrt(abs(spread) / max(float(energy.sum()), 1e-300))
-        values = {"softer": round(lost, 3), "sharper": round(1 - lost, 3), "radius": radius}
-        there = a + change / np.where(slope > 0, slope, 1.0)
-        how = others or f" by about {radius:.2g} px"
-        fits.append(frame.explain(there, names[0], how, values))
-    fits.append(frame.explain(frame.filtered[1], names[0], how, values))
-    if lost >= 0.5 or frame.is_sharper:
-        yield replace(min(fits, key=lambda fit: fit.left), beyond=_SIMPLER)
+    two_ways = 1 - _ONE_WAY < lost < _ONE_WAY
+    how = f" in places, {names[1]} in others" if two_ways else f" by about {radius:.2g} px"
+    values = {"softer": round(lost, 3), "sharper": round(1 - lost, 3), "radius": radius}
+    ways = a + change / np.where(slope > 0, slope, 1.0), frame.filtered[1]
+    fits = [frame.explain(there, names[0], how, **values) for there in ways]
+    yield replace(min(fits, key=lambda fit: fit.left), beyond=_SIMPLER)
 
 
-def _spread(values: NDArray[Any], part: int, like: NDArray[Any]) -> NDArray[Any]:
+def _spread(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
     """Values of parts at all pixels."""
-    every = np.repeat(np.repeat(values, part, axis=0), part, axis=1)
+    every = np.repeat(np.repeat(values, _PART, axis=0), _PART, axis=1)
     return every[: like.shape[0], : like.shape[1]]

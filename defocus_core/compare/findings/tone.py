@@ -6,9 +6,9 @@ Most are sums of terms of A, by weighted least squares, in light or in sRGB valu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -237,45 +237,16 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
 
 @dataclass(frozen=True)
 class _Scale:
-    """A and B [C, N] on a scale where B = a A + b.
+    """A and B [C, N] on a scale where B = a A + b; back: to the values of the file."""
 
-    Attributes:
-        weights: 0 for samples that are ignored.
-        back: function to the values of the file.
-        of: words for the scale.
-    """
-
-    name: str
-    old: NDArray[Any]
-    new: NDArray[Any]
-    weights: NDArray[Any]
+    name: str  # of the finding
+    sides: tuple[NDArray[Any], NDArray[Any]]
+    weights: NDArray[Any]  # 0 for samples that are ignored
     back: _Curve
-    of: str = ""
+    of: str = ""  # words for the scale
 
-    def fit(self, evidence: Evidence, *, each: bool) -> Explanation:
-        """The explanation by factors and constants, one for all channels or one for each."""
-        columns, count = [self.old, np.ones_like(self.old)], len(self.new)
-        numbers = np.tile([1.0, 0.0], (count, 1))  # factors and constants
-        terms = 1 if self.name == "another exposure" else 2
-        for cut in [slice(k, k + 1) for k in range(count)] if each else [slice(None)]:
-            some = [column[cut] for column in columns[:terms]]
-            numbers[cut, :terms] = summed_up(some, self.new[cut], self.weights[cut])
-        # A value at the limit of the number type may have been clipped.
-        there = self.back(numbers[:, :1] * self.old + numbers[:, 1:])
-        factors, constants = numbers.T.tolist()
-        name, how = self.name, f": {self._words(factors[0], constants[0])}{self.of}"
-        values: Mapping[str, Any] = {"factor": factors[0], "offset": constants[0]}
-        if self.name == "offset or contrast" and factors[0] < 0:
-            name = "inverted"
-        if each:
-            pairs = zip(evidence.names, numbers.tolist(), strict=True)
-            said = ", ".join(f"{n} {self._words(*both)}" for n, both in pairs)
-            how = f" of each channel: {said}{self.of}"
-            named = (dict(zip(evidence.names, v, strict=True)) for v in (factors, constants))
-            values = dict(zip(("factors", "offsets"), named, strict=True))
-        return evidence.explain(there, name, how, values, where=evidence.steady)
-
-    def _words(self, factor: float, constant: float) -> str:
+    def words(self, factor: float, constant: float) -> str:
+        """The numbers of a sum."""
         if self.name == "another exposure":
             return f"x {factor:.4g} ({math.log2(max(factor, 1e-9)):+.3g} EV)"
         if self.name == "another gamma":
@@ -286,11 +257,31 @@ class _Scale:
 
 
 def summed(evidence: Evidence) -> Iterator[Explanation]:
-    """B = a A + b on some scale; or B is encoded once more."""
-    for scale in _scales(evidence):
-        yield scale.fit(evidence, each=False)
-        if len(evidence.names) > 1:
-            yield scale.fit(evidence, each=True)
+    """B = a A + b on some scale, of all channels or of each; or B is encoded once more."""
+    names = evidence.names
+    each = [slice(k, k + 1) for k in range(len(names))]
+    for scale, cuts in product(_scales(evidence), ([slice(None)], each)[: len(names)]):
+        (old, new), numbers = scale.sides, np.tile([1.0, 0.0], (len(names), 1))
+        columns = [old, np.ones_like(old)][: 1 if scale.name == "another exposure" else 2]
+        for cut in cuts:
+            some = [column[cut] for column in columns]
+            numbers[cut, : len(some)] = summed_up(some, new[cut], scale.weights[cut])
+        there = scale.back(numbers[:, :1] * old + numbers[:, 1:])
+        factors, constants = numbers.T.tolist()
+        how = f": {scale.words(factors[0], constants[0])}{scale.of}"
+        values: dict[str, Any] = {"factor": factors[0], "offset": constants[0]}
+        if cuts is each:
+            said = ", ".join(
+                f"{n} {scale.words(*v)}" for n, v in zip(names, numbers.tolist(), strict=True)
+            )
+            how = f" of each channel: {said}{scale.of}"
+            values = {
+                k: dict(zip(names, v, strict=True))
+                for k, v in (("factors", factors), ("offsets", constants))
+            }
+        inverted = scale.name == "offset or contrast" and factors[0] < 0
+        name = "inverted" if inverted else scale.name
+        yield evidence.explain(there, name, how, values, where=evidence.steady)
     for how, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         there = curve(evidence.sampled[0]).astype(np.float32)
         yield evidence.explain(there, "another gamma", f": {how} once more")
@@ -300,42 +291,33 @@ def _scales(evidence: Evidence) -> Iterator[_Scale]:
     """The scales on which B may be a A + b."""
     stored, color = evidence.sampled, evidence.pixels.color
     low, is_wider = _ends(evidence.pixels, 1, evidence.names)[0], _exceeds(evidence)
-    fits = np.broadcast_to(evidence.fits, stored[0].shape)
-    inner = evidence.steady & (stored[1] > low)
-    if not evidence.is_linear:
-        inner &= stored[1] < 0.996
-    chosen = np.sqrt(evidence.weights) * fits * inner
-    old, new = map(evidence.light, stored)
-    light, of = chosen * steepness(old), " of light" if color else " of its values"
-    yield _Scale("another exposure", old, new, light, evidence.stored)
-    yield _Scale("offset or contrast", old, new, light, evidence.stored, of)
+    fits = evidence.fits & evidence.steady
+    inner = fits & (stored[1] > low) & (evidence.is_linear | (stored[1] < 0.996))
+    chosen, light = np.sqrt(evidence.weights) * inner, tuple(map(evidence.light, stored))
+    weights, of = chosen * steepness(light[0]), " of light" if color else " of its values"
+    yield _Scale("another exposure", light, weights, evidence.stored)
+    yield _Scale("offset or contrast", light, weights, evidence.stored, of)
     if color:
-        old, new = (evidence.scaled(side).astype("f8") for side in stored)
-        shown, of = chosen * (stored[0] <= 1.0), " of what a screen shows"
-        yield _Scale("offset or contrast", old, new, shown, evidence.unscaled, of)
+        shown, of = tuple(map(evidence.scaled, stored)), " of what a screen shows"
+        yield _Scale("offset or contrast", shown, chosen * (stored[0] <= 1), evidence.unscaled, of)
     elif low >= -0.001 and is_wider:
         a, b = (side.astype("f8") for side in stored)
-        between = 1.0 * fits * ((b > 1e-4) & (b < 0.999))
+        between, unit = 1.0 * fits * ((b > 1e-4) & (b < 0.999)), lambda values: values.clip(0, 1)
         inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
         for old, of in ((a, ""), (inverse, " of the inverse")):
-            yield _Scale("normalised", old, b, between, _unit, of)
+            yield _Scale("normalised", (old, b), between, unit, of)
     curves: list[tuple[_Curve, _Curve, str]] = [(np.asarray, np.asarray, "")]
     if evidence.gamma == 1.0 and color:
         curves.append((linear_to_srgb, _decoded, ", sRGB-encoded"))
     for curve, back, of in curves:
-        sides = [curve(np.clip(v, 0, 1) if of and is_wider else v) for v in stored]
-        usable = (sides[0] > 0.02) & (sides[1] > 0.02) & fits & evidence.steady
-        old, new = (np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in sides)
-        weights, sign = usable * np.sqrt(sides[0].clip(0, 1)), np.sign(sides[0])
+        a, b = (curve(np.clip(v, 0, 1) if of and is_wider else v) for v in stored)
+        logs = tuple(np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in (a, b))
+        weights = ((a > 0.02) & (b > 0.02) & fits) * np.sqrt(a.clip(0, 1))
 
-        def power(logs: Any, sign: Any = sign, back: _Curve = back) -> Any:
-            return back((sign * np.exp(logs.clip(-80, 69))).astype(np.float32))
+        def power(logs: Any, a: Any = a, back: _Curve = back) -> Any:
+            return back((np.sign(a) * np.exp(logs.clip(-80, 69))).astype(np.float32))
 
-        yield _Scale("another gamma", old, new, weights, power, of)
-
-
-def _unit(values: NDArray[Any]) -> NDArray[Any]:
-    return values.clip(0, 1)
+        yield _Scale("another gamma", logs, weights, power, of)
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
@@ -352,21 +334,22 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     if float(stored[1].min()) >= 0.0:  # negative results may have become 0
         least, weights = 0.0, weights * (stored[1] > 0.0).all(axis=0)
     luma, each = np.tile(LUMINANCE, (3, 1)), weights * steepness(light[0])
-    ways = []
-    for (a, b), of in ((light, ""), (shown, " of what a screen shows")):
-        factor = float(summed_up([a - luma @ a], b - luma @ a, weights if of else each)[0])
-        if abs(factor) > _NEAR:
-            ways.append((luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}"))
     rows = zip(light[1], each, strict=True)
     mixed = np.stack([summed_up(list(light[0]), to, weight) for to, weight in rows])
-    for matrix, how in (*ways, (mixed, _primaries(mixed))):
-        of_screen = how.endswith("shows")
-        total = np.maximum(matrix @ (shown if of_screen else light)[0], least)
-        there = (evidence.unscaled if of_screen else evidence.stored)(total)[kept]
-        there, values = np.asarray(there, np.float32), {"matrix": matrix.tolist()}
-        yield evidence.explain(
-            *(there, "primaries or saturation", f": {how}", values), follows_rounding=True
-        )
+    ways = [(light, mixed, evidence.stored, _primaries(mixed))]
+    for sides, weight, back, of in (
+        (light, each, evidence.stored, ""),
+        (shown, weights, evidence.unscaled, " of what a screen shows"),
+    ):
+        grey = [luma @ side for side in sides]
+        factor = float(summed_up([sides[0] - grey[0]], sides[1] - grey[0], weight)[0])
+        if abs(factor) > _NEAR:
+            matrix, how = luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}"
+            ways.insert(-1, (sides, matrix, back, how))
+    for sides, matrix, back, how in ways:
+        there = np.asarray(back(np.maximum(matrix @ sides[0], least))[kept], np.float32)
+        found = there, "primaries or saturation", f": {how}", {"matrix": matrix.tolist()}
+        yield evidence.explain(*found, follows_rounding=True)
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
