@@ -219,7 +219,7 @@ def _difference(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None)
 def _luma_of(pixels: Pixels, side: str, layer: Sequence[str], rows: slice) -> NDArray[np.float64]:
     planes = (encoded(pixels.plane(side, name)[rows], pixels.gamma) for name in layer)
     shares = (np.float32(_LUMA[name[-1]]) for name in layer)
-    return sum(map(np.multiply, planes, shares), np.float32(0)).astype(np.float64)
+    return np.asarray(sum(map(np.multiply, planes, shares)), np.float64)
 
 
 def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None) -> float:

@@ -71,7 +71,8 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     if common is not None:
         return replace(common, left=common.but_noise, how=f"{common.how}, and noise"), ()
     # Causes known by their looks have other measures.
-    most = min((_SIMPLER * fit.left for fit in (*good, *[chosen] * bool(chosen))), default=1.0)
+    known = good if chosen is None else [chosen]
+    most = min((_SIMPLER * fit.left for fit in known), default=1.0)
     for fit in _fits(evidence, looks=True):
         if _is_enough(fit, evidence) and fit.left <= most:
             return fit, ()

@@ -34,8 +34,8 @@ _SIGMAS, _PART = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of pa
 _RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
 _FACTORS = np.geomspace(1.03, 6, 200)  # of size
-_OFF, _PROBE, _KEPT = 0.04, 64, 4  # share of the sizes that are searched; px; candidates kept
-_TRIED, _NEAR = 3, 0.64  # pairs of filters that are tried; their residual by response
+_OFF, _PROBE, _KEPT = 0.03, 64, 3  # share of the sizes that are searched; px; ways measured
+_TRIED, _NEAR = 6, 0.64  # pairs of filters that are tried; their residual by response
 _BLOCKS = (2, 4, 8)  # px on a side of repeated pixels
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _OF_LIGHT = 0.3  # least share of the power of a difference that channels share
@@ -214,7 +214,8 @@ def _resized(frame: _Frame) -> Iterator[Explanation]:
     probe = tuple(slice(max(n - _PROBE, 0) // 2, (n + _PROBE) // 2) for n in b.shape)
 
     def cost(way: _Way) -> float:
-        return float(np.square(_through_size(frame, *way, probe) - b[probe]).sum())
+        there, aim = (frame.scaled(v) for v in (_through_size(frame, *way, probe), b[probe]))
+        return float(np.square(there - aim).sum())
 
     ways: list[_Way] = []
     for factor, kernels in _factors(frame):
@@ -222,16 +223,18 @@ def _resized(frame: _Frame) -> Iterator[Explanation]:
         wide = {*range(round(width / factor) - reach, round(width / factor) + reach)}
         wide |= {round(width / usual) for usual in _BLOCKS}
         sizes = ((round(height * n / width), n) for n in wide if 1 < n <= width / _FACTORS[0])
-        few = sorted(((size, kernels) for size in sizes), key=cost)[:_KEPT]
-        ways += [((n + k, m), kernels) for (n, m), kernels in few for k in (-1, 0, 1)]
+        (high, wide_), _ = min(((size, kernels) for size in sizes), key=cost)
+        ways += [((high + k, wide_), kernels) for k in (-1, 0, 1)]
     for side, down in product(_BLOCKS, (*_FILTERS, _first, _middle)):
         ways.append(((round(height / side), round(width / side)), (down, _box)))
-    for size, kernels in sorted(ways, key=cost)[:_TRIED]:
+    fits = []
+    for size, kernels in sorted(ways, key=cost)[:_KEPT]:
         factor = width / size[1]
         of = {2.0: "half", 4.0: "a quarter of the"}.get(factor, f"{1 / factor:.0%} of the")
         how = f": {of} resolution, {_FILTERS[kernels[1]]}"
         there = _through_size(frame, size, kernels, tuple(slice(0, n) for n in b.shape))
-        yield frame.explain(there, "lower resolution", how, factor=factor)
+        fits.append(frame.explain(there, "lower resolution", how, factor=factor))
+    yield min(fits, key=lambda fit: fit.left)
 
 
 def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:

@@ -240,7 +240,7 @@ class _Scale:
     """A and B [C, N] on a scale where B = a A + b; back: to the values of the file."""
 
     name: str  # of the finding
-    sides: tuple[NDArray[Any], NDArray[Any]]
+    sides: Sequence[NDArray[Any]]
     weights: NDArray[Any]  # 0 for samples that are ignored
     back: _Curve
     of: str = ""  # words for the scale
@@ -336,6 +336,7 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     luma, each = np.tile(LUMINANCE, (3, 1)), weights * steepness(light[0])
     rows = zip(light[1], each, strict=True)
     mixed = np.stack([summed_up(list(light[0]), to, weight) for to, weight in rows])
+    ways: list[tuple[list[NDArray[Any]], NDArray[Any], _Curve, str]]
     ways = [(light, mixed, evidence.stored, _primaries(mixed))]
     for sides, weight, back, of in (
         (light, each, evidence.stored, ""),
@@ -346,10 +347,11 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
         if abs(factor) > _NEAR:
             matrix, how = luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}"
             ways.insert(-1, (sides, matrix, back, how))
-    for sides, matrix, back, how in ways:
-        there = np.asarray(back(np.maximum(matrix @ sides[0], least))[kept], np.float32)
-        found = there, "primaries or saturation", f": {how}", {"matrix": matrix.tolist()}
-        yield evidence.explain(*found, follows_rounding=True)
+    for sides, matrix, encode, how in ways:
+        there = np.asarray(encode(np.maximum(matrix @ sides[0], least))[kept], np.float32)
+        how, values = f": {how}", {"matrix": matrix.tolist()}
+        name = "primaries or saturation"
+        yield evidence.explain(there, name, how, values, follows_rounding=True)
 
 
 def _primaries(matrix: NDArray[Any]) -> str:

@@ -73,10 +73,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     "right": (lambda a: _shifted(a, 1, 0), "shifted by (1, 0)"),
     "left and down": (lambda a: _shifted(a, -3, 2), "shifted by (-3, 2)"),
     "around": (lambda a: np.roll(a, -5, 0), "shifted by (0, -5)"),
-    "half a pixel": (
-        lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
-        "softer by about",
-    ),
+    "half a pixel": (lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2, "at edges"),
     "mirrored": (lambda a: a[:, ::-1], "flipped left to right"),
     "upside down": (lambda a: a[::-1], "flipped upside down"),
     "turned": (lambda a: a[::-1, ::-1], "rotated by 180°"),
