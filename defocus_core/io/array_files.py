@@ -77,9 +77,9 @@ def has_frames(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> dict[str, ArrayEntry]:
-    """The arrays of numbers in a file, of two axes or more, by name; empty that of an only one.
+    """The numeric arrays of two or more axes in a file, by name; a single array has the name "".
 
-    None is loaded: those of files without compression are mapped into memory.
+    Arrays of uncompressed files are mapped into memory, not loaded.
     """
     kind = array_type(read_head(path, _HEAD))
     if kind == _MATLAB_5:

@@ -1,7 +1,7 @@
-"""Files below a folder, on whose way no link may be.
+"""Access to files below a folder that refuses links.
 
-The folder itself may be a link: its user named it. What lies below may come from anywhere, as names
-do that a file holds; `path_fault` says what is wrong with such a name.
+The folder itself may be a link, as the user named it. Names of files below it may come from
+untrusted files; `path_fault` says what is wrong with such a name.
 """
 
 from __future__ import annotations

@@ -355,7 +355,7 @@ def shifts(text: str) -> tuple[float, float]:
 
 
 def text_of(value: object) -> str:
-    """The text on the command line of a value of TOML, JSON or CSV."""
+    """A value of TOML, JSON or CSV, as a text of the command line."""
     return ",".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 

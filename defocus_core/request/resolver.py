@@ -71,7 +71,7 @@ def parsed(name: str, text: str, place: Place) -> Given:
 
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
-    """The options of a table of a file; keys other than theirs and ``others`` are refused."""
+    """The options of a table of a file; other keys are refused, except ``others``."""
     named = keys_of(rows)
     table.refuse_unknown((*named, *others))
     return layer_of(table.values, named, table.place)

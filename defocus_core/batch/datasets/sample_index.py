@@ -38,7 +38,7 @@ _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR de
 
 
 def newest(records: Iterable[Record]) -> Iterator[Record]:
-    """The last picture of each sample, of records by name, oldest first."""
+    """The newest record of each sample; records are sorted by name, oldest first."""
     pictures = (r for r in records if r.completed and not r.outputs.keys().isdisjoint(KINDS))
     for _, mine in groupby(pictures, lambda record: record.sample_id):
         *_, last = mine

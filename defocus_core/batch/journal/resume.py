@@ -170,7 +170,8 @@ AGAIN = {
 def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> tuple[str | None, Stamps | None]:
     """The reason to do a job again, in words, empty if it is new; None if it is done.
 
-    Then, if its record is to be updated, inputs that have moved, or none for another split.
+    The second value is given if the record of a finished job must be updated: its moved inputs, or
+    none if only its split changed.
     `read_inputs`: compare the bytes of the inputs, not only size and time.
     """
     names = job.names

@@ -84,7 +84,7 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
 def _chosen(
     fits: Sequence[Explanation], evidence: Evidence
 ) -> tuple[Explanation | None, Sequence[Explanation]]:
-    """The fit that beats its rivals, and that no simpler one suffices for; and all good ones."""
+    """The fit that is better than its rivals and needed beside simpler ones; and all good fits."""
     best: dict[str, Explanation] = {}
     for fit in fits:
         known = best.get(kind_of(fit.name))

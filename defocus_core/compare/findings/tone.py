@@ -61,7 +61,7 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
 
 
 def may_be_cut_below(pixels: Pixels) -> bool:
-    """Whether several values of B are its lowest, which A goes below."""
+    """Whether several values of B equal its minimum, and A has lower ones."""
     for name in pixels.names:
         old, new = (_ends(pixels, side, [name])[0] for side in (0, 1))
         if old < new and np.count_nonzero(pixels.plane("b", name) == new) >= _SEVERAL:

@@ -155,7 +155,7 @@ def depth_of(
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
 ) -> Depth:
-    """The depth that numbers are; arguments as of `read_depth`."""
+    """The depth of numbers by their format; arguments as in `read_depth`."""
     path, row = samples.path, resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha)
     told = []

@@ -68,9 +68,9 @@ def write_image(
     `pixels`: [H, W, C] scene-linear, premultiplied if A is among the C names of channels: float32,
     or half for an EXR of half; an array, or a tuple of its C arrays [H, W];
     `bits`: of a PNG; `attributes`: an EXR keeps all but `Tag`, others `Tag` and ``defocus:*``;
-    `extras`: further channels of an EXR, of their own types; `has_clipped`: whether light beyond
-    black and white is a loss, and no overshoot of a blur; `smooth`: [H, W] bool, the pixels that
-    are dithered where a sample has 8 bits, so that slopes have no bands; None for none.
+    `extras`: further channels of an EXR, of their own types; `has_clipped`: whether clipped light
+    is a loss, not an overshoot of a blur; `smooth`: [H, W] bool, the pixels that are dithered in
+    8 bits, so that slopes have no bands; None for none.
     """
     planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
     if path.suffix.lower() == ".exr":

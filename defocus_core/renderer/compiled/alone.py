@@ -1,4 +1,4 @@
-"""Tensors that compiled loops render alone, and depth that they find to need no repair."""
+"""Rendering and examination of tensors by compiled loops alone, without torch operations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from defocus_core.tensors.views import ViewTensors
 
 
 def views_alone(scene: Scene, settings: Settings) -> ViewTensors | None:
-    """The views of a picture by compiled loops alone; None where torch is needed, too."""
+    """The views of a picture by compiled loops alone; None if torch is needed."""
     if (
         not isinstance(scene, Surface)
         or not by_loops(scene)
@@ -38,7 +38,7 @@ def views_alone(scene: Scene, settings: Settings) -> ViewTensors | None:
 
 
 def needs_no_repair(surface: Surface, settings: Settings) -> bool:
-    """Whether compiled loops see that the depth of a surface is as it should be."""
+    """Whether compiled loops find that the depth of a surface needs no repair."""
     if settings.depth_repair == "off" or not _is_seen(surface, settings):
         return False
     from defocus_core.renderer.compiled.arrays import is_clean, look_at

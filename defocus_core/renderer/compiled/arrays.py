@@ -1,4 +1,4 @@
-"""Pictures as arrays: what compiled loops find and render by themselves, without torch."""
+"""Rendering of pictures as NumPy arrays by compiled loops, without torch."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ class ArrayViews(NamedTuple):
 
 
 def look_at(radius: NDArray[np.float32], settings: Settings) -> DepthLook:
-    """What is seen of radii [H, W] px."""
+    """The statistics of signed radii [H, W] in px."""
     infinity = math.inf if settings.infinity is None else settings.infinity
     return DepthLook(*look_at_depth(radius, infinity, reduction(radius.shape)))
 
 
 def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: DepthLook) -> bool:
-    """Whether the depth of a picture [C, H, W] needs no repair, for certain."""
+    """Whether the depth of a picture [C, H, W] certainly needs no repair."""
     if not seen.clean or seen.step <= seen.hard:
         return seen.clean
     return len(image) == CHANNELS and not may_be_shifted(image, radius, np.float32(seen.hard))
@@ -73,7 +73,7 @@ def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: Dept
 def rendered_alone(
     image: NDArray[np.float32], radius: NDArray[np.float32], settings: Settings
 ) -> ArrayViews | None:
-    """The views of a picture [3, H, W] of radii [H, W] px; None if something else must see it.
+    """The views of a picture [3, H, W] with radii [H, W] px; None if torch must decide.
 
     Its settings must be carried.
     """
@@ -103,9 +103,9 @@ def render_samples(
     settings: Settings,
     channels: slice,
 ) -> tuple[NDArray[np.float32], int]:
-    """The views [1 or 3, C + 1, H, W] of some channels, and how many px were below 0.
+    """The views [1 or 3, C + 1, H, W] of some channels, and the number of px below 0.
 
-    They are the colours and trust; of the centre alone if left and right are not carried.
+    A view holds the colours and trust. Left and right are rendered only if they are carried.
     """
     pair, count = settings.left_right and carries_pair(settings), channels.stop
     bounds = _bounds(statistics, count, settings)
@@ -149,7 +149,7 @@ def samples_of(
 
 
 def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Zeros that take memory only where something else is written: NumPy's come in huge pages."""
+    """Zeros whose small pages take memory only once written; those of NumPy come in huge pages."""
     if math.prod(shape) < _MANY:
         return np.zeros(shape, np.float32)
     private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)

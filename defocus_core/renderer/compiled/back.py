@@ -29,7 +29,7 @@ _NOTHING = np.zeros((2, 0), np.float32)
 
 
 class Samples(NamedTuple):
-    """The surfaces of a picture: what each has at each pixel."""
+    """The surfaces of a picture: light and radius at each pixel."""
 
     # [1 or 2, H, 4 W] three colours premultiplied by coverage, and coverage: of what the depth
     # names, and of parts of nearer surfaces in the same pixels
@@ -40,7 +40,7 @@ class Samples(NamedTuple):
 
 
 class HiddenSamples(NamedTuple):
-    """What is continued behind edges, in coarse pixels of two by two px."""
+    """Hidden surfaces continued behind edges, in coarse pixels of two by two px."""
 
     light: NDArray[np.float32]  # [1, h, 4 w] as of `Samples`
     radius: NDArray[np.float32]  # [1, h, w] signed, in coarse pixels
@@ -105,7 +105,7 @@ def render(
 def _reduced(
     surfaces: SlotSurfaces, hidden: HiddenSamples | None, slots: Slots, views: int, outline: Outline
 ) -> CoarseLayers:
-    """The layers whose discs are wide, and what is hidden, spread."""
+    """The layers with wide discs and the hidden surfaces, spread at reduced resolution."""
     levels = slots.levels.tolist()
     coarse = coarse_pixels(surfaces.radius.shape[1:], max(levels))
     origins = np.rint(coarse.origin * EIGHTHS).astype(np.int64)

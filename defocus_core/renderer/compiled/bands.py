@@ -29,7 +29,7 @@ class Bounds(NamedTuple):
 
 
 class BandInputs(NamedTuple):
-    """What the bands of a picture are made of."""
+    """Inputs that all bands of a picture share."""
 
     surfaces: SlotSurfaces
     reduced: CoarseLayers
@@ -43,7 +43,7 @@ class BandInputs(NamedTuple):
 
 @compiled
 def _take_all(surfaces, reduced, shares, left, y, room, coarse):
-    """Row y of all slots to the sums of a room; left: the share of the left half."""
+    """Copy row y of all slots to the sums of a room; left: the share of the left half."""
     take_rows(room, y)
     add_points(surfaces, y, shares, room)
     sums, ends, right = room.sums, room.ends, F32(1 - left)
@@ -63,7 +63,7 @@ def _clamped(value, least, greatest):
 
 @compiled
 def finish_centre(front, lights, bounds, out):
-    """The colours [C, W] of a row and how much of it is seen: out [C + 1, W]."""
+    """Write the colours and the trust of a row to out [C + 1, W]."""
     count = out.shape[0] - 1
     for x in range(front.shape[1]):
         full = max(front[3, x], F32(1e-6))
@@ -77,7 +77,7 @@ def finish_centre(front, lights, bounds, out):
 
 @compiled
 def finish_pair(left, right, of_left, of_right, centre, bounds, counted):
-    """Left and right of a row whose mean is the centre, from halves composited alone.
+    """Correct left and right of a row so that their mean is the centre.
 
     left, right: [C, W], overwritten; of_left, of_right: lights [C, W], or none; centre: [C, W].
     Returns how many pixels were negative, which `counted` [W] marks.

@@ -1,4 +1,4 @@
-"""What the compiled back carries; it imports nothing of Numba."""
+"""Scenes and settings that the compiled back supports. The module does not import Numba."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CHANNELS = 3
 
 @cache
 def available() -> bool:
-    """Whether Numba is installed, works with this Python, and compiles: ``NUMBA_DISABLE_JIT``."""
+    """Whether Numba is installed, works with this Python, and is not disabled."""
     try:
         import numba
     except ImportError:
@@ -32,9 +32,9 @@ def available() -> bool:
 
 
 def carries(frame: SharedFrame, scene: InFocus) -> bool:
-    """Whether the compiled back renders the centre view of a scene as it is asked for.
+    """Whether the compiled back supports a scene and its settings.
 
-    It does not: gradients, other devices, float64, qualities but the standard, an exact number of
+    Not supported: gradients, other devices, float64, qualities but the standard, an exact number of
     slices, tiles of a given side, openings with a hole or uneven light, cat's eyes, layers, and
     blur much wider than the frame. A plane is left to torch, for which it is one convolution.
     """
@@ -44,7 +44,7 @@ def carries(frame: SharedFrame, scene: InFocus) -> bool:
 
 
 def carries_surface(surface: Surface, settings: Settings) -> bool:
-    """The same of any surface, but for its radii."""
+    """Whether the compiled back supports a surface, whatever its radii."""
     return (
         carries_settings(settings)
         and not any(x.dtype == torch.float64 for x in surface.tensors[:2])
@@ -53,7 +53,7 @@ def carries_surface(surface: Surface, settings: Settings) -> bool:
 
 
 def carries_settings(settings: Settings) -> bool:
-    """The same of any picture."""
+    """Whether the compiled back supports the settings, whatever the picture."""
     return bool(
         settings.back == "auto"
         and settings.quality == "standard"
@@ -81,7 +81,7 @@ def bytes_of_loops(
     lights: bool = False,
     others: bool = False,
 ) -> float:
-    """Upper bound of the bytes that rendering a (height, width) takes beside input and output.
+    """Upper bound of the bytes to render a (height, width), without input and output.
 
     `others`: whether torch finds its surfaces.
     """
@@ -93,15 +93,15 @@ def bytes_of_loops(
 
 
 def carries_pair(settings: Settings) -> bool:
-    """Whether it renders left and right, too: of photodiodes that each see a half of the lens."""
+    """Whether the compiled back also renders left and right: each the view of half the lens."""
     apart = settings.dual_pixel.separation
     return settings.dual_pixel.halves == (LEFT, RIGHT) and isinstance(apart, float)
 
 
 def by_loops(surface: Surface) -> bool:
-    """Whether compiled loops find the surfaces of a picture, if it has no highlights; else torch.
+    """Whether compiled loops, not torch, find the surfaces of a picture without highlights.
 
-    They take three colours and no matte.
+    The picture must have three colours and no matte.
     """
     return len(surface.image) == CHANNELS and surface.matte is None
 

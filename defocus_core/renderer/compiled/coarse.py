@@ -1,6 +1,6 @@
-"""Where coarse pixels lie, of half the resolution, a quarter, and so on.
+"""Places of the coarse pixels of half the resolution, a quarter, and so on.
 
-As those of `tensors/pyramid.py`: symmetric about the middle of the frame.
+They are symmetric about the middle of the frame, as in `tensors/pyramid.py`.
 """
 
 from __future__ import annotations

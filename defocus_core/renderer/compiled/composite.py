@@ -27,7 +27,7 @@ _BRIGHT = 0.497  # coverage of the brightest light there is, which is less than 
 def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int64]:
     """The steps [n, 2] of layers, and of hidden octaves between them.
 
-    slots: for each visible slot its least radius in px, nearest first; octaves: the slot of each.
+    slots: least radius of each visible slot in px, nearest first; octaves: the slot of each.
     """
     near = [k for k, r in enumerate(slots) if r <= -ALONE]
     far = [k for k, r in enumerate(slots) if r >= ALONE]
@@ -58,10 +58,10 @@ def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int6
 
 @compiled
 def add_behind(front, layer, first, last, invented, sight, needed):
-    """Add a layer behind a row, as much of it as there is room, where the lens sees as far.
+    """Composite a layer behind a row, where the lens sees that far.
 
-    invented: 1 for what is, else 0; sight: [W] the farthest slot that is seen, or none if nothing
-    limits it.
+    invented: 1 for an invented layer, else 0; sight: [W] the farthest slot seen, or empty if
+    nothing limits it.
     """
     limited = sight.shape[0] > 0
     for x in range(first, last + 1):
@@ -82,10 +82,10 @@ def add_behind(front, layer, first, last, invented, sight, needed):
 
 @compiled
 def set_aside(front, covered, before, aside):
-    """Go on as if what covers a row nearer than focus were not there.
+    """Set aside the layers nearer than focus, and continue with an uncovered row.
 
-    covered: [W] coverage nearer than focus, before: [W] coverage before what is hidden behind it;
-    aside: [6, W] the row, and the coverage with which it goes on.
+    covered: [W] coverage nearer than focus, before: [W] that before the hidden layers behind it;
+    aside: [6, W] the row, and the coverage with which the compositing continues.
     """
     for x in range(front.shape[1]):
         near = covered[x] + front[3, x] - before[x]
@@ -98,7 +98,7 @@ def set_aside(front, covered, before, aside):
 
 @compiled
 def close_gaps(front, aside):
-    """Close gaps that are small beside what was set aside covers: they are errors."""
+    """Close gaps that are small compared with the coverage set aside: they are numerical errors."""
     for x in range(front.shape[1]):
         gap = max(F32(1) - front[3, x], F32(0))
         near = aside[3, x] - aside[5, x]
@@ -115,7 +115,7 @@ def close_gaps(front, aside):
 
 @compiled
 def put_together(front, aside):
-    """Put what was set aside before what was composited since."""
+    """Composite the layers set aside over those composited since."""
     for x in range(front.shape[1]):
         coverage = front[3, x] - aside[5, x]
         room = F32(1) - aside[3, x]
@@ -160,7 +160,7 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
 
 @compiled
 def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
-    """The hidden octaves together: those of a side of focus add, the sides occlude each other."""
+    """All hidden octaves as one layer: those of a side of focus add, the sides occlude."""
     found = False
     whole[:] = 0
     for side in range(-1, 2):

@@ -1,7 +1,7 @@
-"""What nearer surfaces hide, continued from farther ones: see `inpainting/hidden_layers.py`.
+"""Hidden parts of farther surfaces, invented as in `inpainting/hidden_layers.py`.
 
-By coarse pixels of two by two px. Which surface shows behind an edge is told by cones around edges,
-in integer grains (`inpainting/disocclusion.py`); its colour and radius are read from a pyramid, and
+Coarse pixels have two by two px. Cones around edges, in integer grains, decide which surface shows
+behind an edge (`inpainting/disocclusion.py`); its colour and radius are read from a pyramid, and
 along lines that lead there (`inpainting/coherence_transport.py`).
 """
 
@@ -32,10 +32,10 @@ _NORMAL = (1 + _UNCLEAR**2) ** 0.5 - _UNCLEAR
 
 @entry
 def cones_at_edges(radius, grain, coarse):
-    """The surfaces at edges of depth around coarse pixels, as cones; and whether there are any.
+    """The surfaces at edges of depth around coarse pixels as cones, and whether there are any.
 
-    They are [h, w] the greatest cone with the radius of its edge, and minus the px to the closest
-    edge with its radius. grain: px of one grain.
+    The first array [h, w] holds the greatest cone with the radius of its edge, the second minus the
+    distance in px of the closest edge with its radius. grain: px of one grain.
     """
     (height, width), found, odd, before = radius.shape, False, coarse.odd, coarse.before
     farthest = np.full((coarse.length[1, 0], coarse.length[1, 1]), np.int32(_NOWHERE), np.int32)
@@ -65,7 +65,7 @@ def cones_at_edges(radius, grain, coarse):
 
 @compiled
 def _dilate(cones, fall):
-    """Let cones spread to all sides, where their upper bits fall from pixel to pixel."""
+    """Spread cones to all sides; their upper bits fall from pixel to pixel."""
     h, w = cones.shape
     lowest = np.int32(_NOWHERE)
     for k in range(2 * h):
@@ -94,10 +94,10 @@ def _least_of(radius, i, j, odd, before):
 
 @compiled
 def read_level(levels, n, y, x, around, border, ceiling):
-    """The mean of the surfaces around a place in px that lie between two radii.
+    """The mean of the surfaces around a place in px with radii in a range.
 
-    around: px on each side of the two places whose mean is asked for. Returns three colours, the
-    radius, and three values of structure if there are any, all times their weight, and the weight.
+    around: distance in px of two places on both sides, which are averaged. Returns three colours,
+    the radius, and three values of structure if there are any, times their weight, and the weight.
     """
     values, limits = levels.values, levels.limits
     start, height, width = levels.size[n, 0], levels.size[n, 1], levels.size[n, 2]
@@ -148,7 +148,7 @@ def _direction(tensor, color):
 
 @compiled
 def _first_beyond(half, i, j, y, x, border):
-    """The first coarse pixel along a direction beyond a border of radius, and how far it is, px."""
+    """The first coarse pixel along a direction beyond a radius, and its distance in px."""
     height, width = half.size[0, 1], half.size[0, 2]
     for step in _STEPS:
         dy, dx = y * step / 2, x * step / 2
@@ -162,7 +162,7 @@ def _first_beyond(half, i, j, y, x, border):
 
 @compiled
 def _transport(half, i, j, border, smooth, tensor):
-    """The colours along a line that leads there, of those that are continued smoothly [4]."""
+    """The colours [4] transported along a line to a place, instead of those continued smoothly."""
     values, (y, x, coherence) = half.values, _direction(tensor, smooth)
     a, to_first = _first_beyond(half, i, j, y, x, border)
     b, to_second = _first_beyond(half, i, j, -y, -x, border)
@@ -258,7 +258,7 @@ def continue_hidden(picture, cones, grain, coarse, half, levels, light, coarse_r
 
 
 def hidden_of(samples: Samples, limit: float) -> HiddenSamples | None:
-    """What is hidden behind the surfaces of a picture; None if nothing is.
+    """The hidden surfaces of a picture; None if there are none.
 
     limit: brightness above which a pixel is a highlight.
     """

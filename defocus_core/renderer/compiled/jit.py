@@ -24,7 +24,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def entry(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, for Python; it is kept, with those that it calls."""
+    """The function as machine code, for Python; cached on disk with the functions that it calls."""
     config: Any = numba.config
     place, before = folder(), config.CACHE_DIR
     config.CACHE_DIR = str(place or before)

@@ -1,7 +1,7 @@
-"""Where compiled functions are kept, and which process compiles them. It imports no Numba.
+"""The cache of compiled functions on disk, and the process that fills it. Numba is not imported.
 
-They depend on each other, so they are kept for all sources of this folder together: in the folder
-``__pycache__`` beside them, else in the user's cache folder.
+Compiled functions depend on each other, so one cache serves all sources of this folder: in their
+``__pycache__``, else in the user's cache folder.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ _WITHIN, _WITHIN_FRACTION = 60, 0.25
 
 
 class DepthLook(NamedTuple):
-    """Statistics of signed radii, and whether they are as they should be."""
+    """Statistics of signed radii, and whether the depth needs no repair."""
 
     range: tuple[float, float]  # least and greatest, px
     step: float  # px, greatest difference between neighbours
@@ -39,8 +39,8 @@ class DepthLook(NamedTuple):
 def look_at_depth(radius, infinity, by):
     """Look at radii [H, W] px: the fields of `DepthLook`.
 
-    infinity: signed radius of what is infinitely far, or infinite if that is not known; by: how
-    many times as large they are as a picture whose ramps are all looked at.
+    infinity: signed radius at infinite depth, or infinite if that is not known; by: ratio of the
+    size to that of a picture in which all ramps are examined.
     """
     height, width = radius.shape
     least, most, step, usable = F32(np.inf), F32(-np.inf), F32(0), True
@@ -67,7 +67,7 @@ def look_at_depth(radius, infinity, by):
 def look_at_light(image):
     """The least and greatest value [3, 2] of each channel of a picture, and whether it is plain.
 
-    It is if it is finite, has no highlights, and float32 is fine enough for it.
+    A plain picture is finite, has no highlights, and needs no more digits than float32 has.
     """
     channels, finite = np.empty((3, 2)), True
     for c in range(3):
@@ -83,7 +83,7 @@ def look_at_light(image):
 
 @compiled
 def _is_plain(image, channels):
-    """Whether a picture has no highlights, and float32 is fine enough for it."""
+    """Whether a picture has no highlights and needs no more digits than float32 has."""
     brightest = max(channels[0, 1], max(channels[1, 1], channels[2, 1]))
     darkest = min(channels[0, 0], min(channels[1, 0], channels[2, 0]))
     size, limit = max(brightest, -darkest), max(brightest, 0.0)
@@ -104,7 +104,7 @@ def _is_plain(image, channels):
 
 @compiled
 def _is_noisy(radius):
-    """Whether radii scatter."""
+    """Whether radii are noisy."""
     height, width = radius.shape
     together = apart = noisy = 0
     for y in range(1, height - 1):
@@ -173,7 +173,7 @@ def _steepness(radius, y, x):
 
 @compiled
 def _has_no_ramps(radius, steep):
-    """Whether no ramp is steep, nor several px wide and long and less steep."""
+    """Whether no ramp is steep, and none is less steep but several px wide and long."""
     height, width = radius.shape
     for y in range(height):
         for x in range(width):
@@ -192,7 +192,7 @@ def _has_no_ramps(radius, steep):
 
 @compiled
 def _are_no_averages(radius, infinity):
-    """Whether few pixels on edges lie between both surfaces, in disparity and in distance."""
+    """Whether few pixels on edges lie between both surfaces, in disparity and in depth."""
     height, width = radius.shape
     counts, values = np.zeros(2, np.int64), np.empty(7, np.float32)
     for y in range(height):
@@ -216,7 +216,7 @@ def _are_no_averages(radius, infinity):
 
 @compiled
 def _is_average(values):
-    """Whether the middle one of seven values is on a narrow edge, between both surfaces."""
+    """Whether the middle of seven values is on a narrow edge and between those of its surfaces."""
     near, far = values[3], values[3]
     within = size = whole = least = F32(0)
     for k in range(1, 4):

@@ -1,4 +1,4 @@
-"""Mixed pixels taken apart: two surfaces of a pixel on a depth edge, see `depth/matting.py`."""
+"""Mixed pixels split into the two surfaces of a depth edge, as in `depth/matting.py`."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _side_of(colors, radii, weight, side):
 
 @compiled
 def _thin_side(square, s, sides, room):
-    """A side all of whose pixels are on the edge: those least like the other hold most of it."""
+    """A side whose pixels are all on the edge: the colour of those least like the other side."""
     colors, radii, near, weight, _ = square
     side, other, most = sides[s], sides[1 - s], _SMALLEST
     for k in range(weight.shape[0]):
@@ -112,7 +112,7 @@ def _coverage(color, own, other, expected):
 
 @compiled
 def _as_whole(alpha, is_near, own, other):
-    """A coverage by a pixel's own surface; 1 where it is hardly mixed."""
+    """The coverage by a pixel's own surface, or 1 where the pixel is hardly mixed."""
     evidence = 0.0
     for c in range(3):
         apart = own[c] - other[c]
@@ -135,7 +135,7 @@ def _clipped(mean, variance, other, color):
 
 @compiled
 def _colors(color, own, other, alpha, c):
-    """A channel of both surfaces of a mixed pixel."""
+    """The colours of one channel of both surfaces of a mixed pixel."""
     m, v, n, w = own[c], own[3 + c], other[c], other[3 + c]
     first, second, rest = alpha * v, (1 - alpha) * w, 1 - alpha
     residual = (color - alpha * m - rest * n) / (alpha * first + rest * second)
@@ -201,7 +201,7 @@ def _find_sides(square, sides, room):
 
 @entry
 def split_mixed(picture, light, radii):
-    """Take mixed pixels apart: light [2, H, 4 W] of their own surface, and of nearer ones.
+    """Split mixed pixels: light [2, H, 4 W] of their own surface, and of nearer ones.
 
     picture: [3, H, W] colours, a scale of theirs, the brightness that a highlight exceeds, and
     radii [H, W]; light: that of the picture, and 0; radii: [2, H, W], theirs. Returns whether any

@@ -1,4 +1,4 @@
-"""All functions compiled at once, the first time that they are used on a machine."""
+"""Compilation of all functions when they are first used on a machine."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SIZE = 32, 40  # (height, width) px of the picture of which each function rende
 
 @cache
 def compile_once() -> None:
-    """Compile what is not kept yet, and say so: it takes a while."""
+    """Compile the functions that are not cached yet, with a message, as it takes a while."""
     with one_process() as is_due:
         if not is_due:
             return

@@ -1,4 +1,4 @@
-"""Openings of the lens as spans of rows: where the blur of each radius begins and ends in a row."""
+"""Openings of the lens as spans: the first and last pixel of each row of a disc of each radius."""
 
 from __future__ import annotations
 
@@ -126,9 +126,9 @@ LOST = 2.25
 
 @lru_cache(maxsize=8)
 def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
-    """Px by which pixels move the light of the left half too little: [2, n], nearer and beyond.
+    """Shifts in px of the left half that are lost to sampling: [2, n], nearer and beyond focus.
 
-    Near focus alone, where a shift within a pixel is lost. reach: of an opening, 4 px at least.
+    Only shifts of less than a pixel, near focus, are lost. reach: of an opening, at least 4 px.
     """
     most, far, pixel = math.ceil(LOST * STEPS), 4 * STEPS, np.arange(-reach - 1, reach + 2)
     drawn = opening(outline, reach)
@@ -149,7 +149,7 @@ def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
 
 
 def _near_focus(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The share of the next disc of NEAR in the blur of radii in px below the last of them."""
+    """The weight of the next larger disc of NEAR in the blur of radii in px."""
     rising = ((SOFT / NEAR[0]) * (r - SHARP) / (SOFT - SHARP)) ** 2
     first = np.where(r <= SHARP, 0.0, np.where(r < SOFT, rising, (r / NEAR[0]) ** 2))
     squares = [radius**2 for radius in NEAR]

@@ -29,9 +29,9 @@ from defocus_core.tensors.views import ViewTensors
 def rendered(
     scene: Surface, settings: Settings, content: Content, frame: SharedFrame | None = None
 ) -> ViewTensors:
-    """The views of a surface that is carried; the centre alone if left and right are not.
+    """The views of a surface; only the centre if the back does not carry left and right.
 
-    frame: of the picture, where torch finds its surfaces.
+    frame: of the picture, for surfaces that torch finds.
     """
     statistics = Statistics(*(getattr(content, name) for name in Statistics._fields))
     groups, negative = [], 0
@@ -51,7 +51,7 @@ def _sampled(
 ) -> Iterator[tuple[slice, Samples, NDArray[np.float32]]]:
     """The channels that are rendered at once, their surfaces, and lights to add.
 
-    Those of three colours without lights and without a matte are found by compiled loops.
+    Compiled loops find the surfaces of three colours without lights and without a matte.
     """
     count, unit = len(scene.image), statistics.unit
     if by_loops(scene) and not content.highlights:
@@ -77,7 +77,7 @@ def _sampled(
 
 
 def _of_layers(layers: Sequence[SampleLayer], channels: slice, unit: float) -> Samples:
-    """The surfaces that layers are, in some of their colours."""
+    """Layers as surfaces, in some of their colours."""
     light, radius = _stacked([x for x in layers if x.kind == VISIBLE], channels, unit)
     hidden = None
     if continued := [x for x in layers if x.kind == CONTINUED]:
@@ -102,6 +102,6 @@ def _stacked(
 
 
 def _range(light: NDArray[np.float32], radius: NDArray[np.float32]) -> tuple[float, float]:
-    """The least and the greatest radius of what is there."""
+    """The least and the greatest radius of pixels with coverage."""
     held = radius[light[..., 3::4] > 0]
     return float(held.min()), float(held.max())

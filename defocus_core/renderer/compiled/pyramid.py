@@ -20,7 +20,7 @@ _ALIKE, _GROWTH, _WIDER, _LEAST_WEIGHT = 1.013, 1.5, 1.99, 1e-30
 
 
 class Levels(NamedTuple):
-    """Levels, coarse pixels one after another."""
+    """The coarse pixels of all levels, one level after another."""
 
     # [n, 2, 4 or 7] of each surface colour, radius, and maybe the structure tensor
     values: NDArray[np.float32]
@@ -56,7 +56,7 @@ def _room(coarse: Coarse, levels: range, count: int) -> Levels:
 
 @compiled
 def fill_levels(light, radius, limit, coarse, half, levels):
-    """Fill levels: pixels of a picture, without highlights and what nearer surfaces cover.
+    """Fill levels from a picture without its highlights and its covered pixels.
 
     light: [n, H, 4 W] of the surfaces that the depth names, and of nearer ones; radius: [H, W];
     limit: brightness of a highlight.
@@ -90,7 +90,7 @@ def fill_levels(light, radius, limit, coarse, half, levels):
 
 @compiled
 def _taps(odd, number):
-    """The pixels that have a share in coarse pixel k, from 2 k on, by the shares of those from - 1.
+    """The pixels averaged to coarse pixel k, and their shares.
 
     odd: of the axis; number: of the level. Returns the first, the one after the last, and shares.
     """
@@ -105,7 +105,7 @@ def _taps(odd, number):
 
 @compiled
 def _make_row(source, i, coarse, number, out, out_limits, at):
-    """Row i of the level of a number: of each coarse pixel the farthest surface, and the next one.
+    """Make row i of a level: the farthest surface of each coarse pixel, and the next one.
 
     source: values and limits of the level before, the index of its row `top` there, and its size.
     """
@@ -204,5 +204,5 @@ def _read_structured(half, y, values, limits, at):
 
 @compiled
 def _is_alike(limits, p, r):
-    """Whether a coarse pixel holds one surface, of about a radius."""
+    """Whether a coarse pixel holds one surface, of nearly constant radius."""
     return limits[p, 1, 0] <= 0 and abs(limits[p, 0, 2] - r) < F32(_SAME)

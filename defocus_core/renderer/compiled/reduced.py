@@ -1,4 +1,4 @@
-"""Layers at reduced resolution: their rows are summed once, and read between coarse pixels."""
+"""Layers at reduced resolution: rows are summed once, and interpolated between coarse pixels."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CoarseLayers(NamedTuple):
 
 @entry
 def spread_reduced(surfaces, opening, room, reduced):
-    """Spread surfaces over the rows of the slots that there is room for."""
+    """Spread surfaces over the rows of the slots that have room."""
     height, width = surfaces.radius.shape[1:]
     values, sums = reduced.values, room.sums
     band = np.int64(0), height  # of the type that other callers give: a literal is compiled anew
@@ -72,7 +72,7 @@ def _weights(position, cubic, weights):
 
 @compiled
 def read_reduced(reduced, slot, y, room, row):
-    """Row y of a slot in px to the sums of a room; row: [4, n] of coarse pixels to work in."""
+    """Interpolate row y of a slot to the sums of a room; row: [4, n] coarse pixels to work in."""
     height, width = reduced.place[slot, 0], reduced.place[slot, 1]
     step, cubic = reduced.place[slot, 2], reduced.cubic[slot]
     weights, values = np.empty(4, np.float32), reduced.values
@@ -101,7 +101,7 @@ def read_reduced(reduced, slot, y, room, row):
 
 @compiled
 def _read_across(reduced, slot, first, last, out, row):
-    """Pixels between coarse ones of a row, of which first to last are not 0; their ends."""
+    """Interpolate a row of coarse pixels, not 0 from first to last; returns both ends in px."""
     width, step, cubic = reduced.place[slot, 1], reduced.place[slot, 2], reduced.cubic[slot]
     origin = reduced.place[slot, 4] / EIGHTHS
     begin = max(np.int64(np.floor((first - 2 - origin) * step)), 0)

@@ -1,7 +1,7 @@
 """Whether edges of depth may be displaced from those of the colours, in compiled passes.
 
-A sample of the profiles across silhouettes is examined as `depth/displacement.py` does, with the
-same names of constants. If the sample lies where it should, no edge is displaced.
+A sample of the profiles across silhouettes is examined as in `depth/displacement.py`, with the
+same names of constants. If the sample is not displaced, no edge is.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ALONG, _SHIFTS, _TINY = 2 * REACH + 1, 2 * FARTHEST + 1, float(np.finfo(np.floa
 
 @entry
 def may_be_shifted(image, radius, step):
-    """Whether most edges of radii [H, W] may be displaced alike from those of colours [3, H, W].
+    """Whether most edges of radii [H, W] may be displaced by the same px from those of [3, H, W].
 
     step: least step in px of an edge.
     """
@@ -66,7 +66,7 @@ def may_be_shifted(image, radius, step):
 
 @compiled
 def _is_highest(rise, y, x):
-    """Whether the rise at a pixel is no foot of a higher one."""
+    """Whether the rise at a pixel is not the start of a higher one."""
     highest = F32(0)
     for v in range(max(y - FARTHEST, 0), min(y + FARTHEST + 1, rise.shape[0])):
         for u in range(max(x - FARTHEST, 0), min(x + FARTHEST + 1, rise.shape[1])):
@@ -76,9 +76,9 @@ def _is_highest(rise, y, x):
 
 @compiled
 def _find_profile(radius, y, x, rise, positions):
-    """The pixels across an edge [2 REACH + 1, 2], and how many are of the nearer surface, and not.
+    """The pixels across an edge [2 REACH + 1, 2], and the number on either surface, nearer first.
 
-    They go from the nearer to the farther surface, without a gap from the edge on.
+    They run from the nearer to the farther surface, without a gap.
     """
     height, width = radius.shape
     border, ny, nx = radius[y, x] + rise * F32(_HALFWAY), 0.0, 0.0
@@ -105,7 +105,7 @@ def _find_profile(radius, y, x, rise, positions):
 
 @compiled
 def _compare(colors, counts, likely, costs, told):
-    """The costs of all displacements by the colours of a profile; told: of px beyond the samples.
+    """The costs of all displacements by the colours of a profile; told: those beyond the samples.
 
     likely: [2, 2 REACH + 1] to work in.
     """
@@ -180,7 +180,7 @@ def _trust(told, total, least, full):
 
 @compiled
 def _median(costs, told):
-    """The median displacement in px, by costs [n, 17] and what colours tell [n, 2]."""
+    """The median displacement in px, by the costs [n, 17] and `told` [n, 2] of profiles."""
     right = every = 0.0
     for n in range(len(told)):
         right, every = right + told[n, 0], every + told[n, 1]

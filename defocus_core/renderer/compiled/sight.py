@@ -1,4 +1,4 @@
-"""How far the lens sees at each pixel: the farthest slot within the disc of its own radius.
+"""The farthest slot that the lens sees at each pixel: the farthest in the disc of its radius.
 
 Hidden surfaces are seen only where the disc of the front surface reaches over an edge; see
 `compositing/sight.py`.
@@ -22,8 +22,8 @@ _SQUARES = (True, False, False, True, False)
 def farthest_seen(light, radius, table):
     """The farthest slot [H, W] within the disc of each pixel.
 
-    table: of slots, see `surfaces_of`; surfaces are taken to be farther by about half the distance
-    of slices of the torch back.
+    table: of slots, see `surfaces_of`. Surfaces count as farther by about half the distance between
+    slices of the torch back.
     """
     height, width = radius.shape
     seen, sizes = np.zeros((height, width), np.uint8), np.empty((height, width), np.int32)
@@ -56,7 +56,7 @@ def farthest_seen(light, radius, table):
 
 @compiled
 def _dilate(values, by, square, rows, out):
-    """The greatest of values [H, W] and those `by` px beside, above and below; of corners, too."""
+    """The maximum of values [H, W] over the square of `by` px around each."""
     height, width = values.shape
     given = rows if square else values
     for y in range(height):

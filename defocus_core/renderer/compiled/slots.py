@@ -1,7 +1,7 @@
-"""Slots: the layers that are spread on their own, by radius; and octaves of what is hidden.
+"""Slots: layers of visible radii, and octaves of hidden ones, each spread on its own.
 
-As those of the torch back: near focus each 0.75 px of radius is a layer, beyond 2 px a layer holds
-radii of a ratio. A layer whose discs are wide is spread at reduced resolution.
+As in the torch back, a layer holds 0.75 px of radius near focus, and a constant ratio of radii
+beyond 2 px. Layers with wide discs are spread at reduced resolution.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class Slots(NamedTuple):
 
     @property
     def needed(self) -> NDArray[np.uint8]:
-        """For each slot the least that must be seen for it to show: itself; of octaves the first.
+        """The nearest slot that the lens must see for each slot to show.
 
-        That is the first visible layer that holds radii of the octave or beyond.
+        That of a visible slot is itself, that of an octave the first visible slot with its radii.
         """
         begins = [r if r > 0 else -end for r, end in zip(self.least, self.ends, strict=True)]
         first = []
@@ -73,7 +73,7 @@ def _layer_of(radius: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _begin_of(layer: int) -> float:
-    """The radius in px, without sign, from which on radii are of a layer."""
+    """The least unsigned radius of a layer, in px."""
     size = abs(layer)
     return _DISTANCE * size if size < _FIRST_WIDE else ALONE * _RATIO ** (size - _FIRST_WIDE)
 
@@ -88,16 +88,16 @@ _Numbering = Callable[[NDArray[np.float64]], NDArray[np.int64]]
 
 @cache
 def _numbers(numbering: _Numbering, count: int) -> NDArray[np.int64]:
-    """The numbers of radii of 0, 1 / STEPS, ... px."""
+    """The layer numbers of radii of 0, 1 / STEPS, ... px."""
     return numbering(np.arange(count) / STEPS)
 
 
 def _table(
     numbering: _Numbering, ends: tuple[float, float]
 ) -> tuple[range, float, NDArray[np.int16]]:
-    """The numbers of a range of radii in px, negative if nearer; the greatest radius; a table.
+    """The layer numbers of radii in px, negative if nearer; the greatest radius; a table.
 
-    The table [2, n] counts from the first one, for radii nearer than focus and beyond it.
+    The table [2, n] has the numbers of radii nearer than focus and beyond it, less the first.
     """
     steps = [int(abs(r) * STEPS + 1 - HALF) for r in ends]
     count = -(-max(steps) // STEPS) * STEPS + 2

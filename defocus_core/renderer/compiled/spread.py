@@ -22,7 +22,7 @@ _FEW = 12
 
 
 class SurfaceRow(NamedTuple):
-    """A row of pixels with those that go on beyond the frame on both sides."""
+    """A row of pixels, continued beyond the frame on both sides."""
 
     light: NDArray[np.float32]  # [4 n]
     radius: NDArray[np.float32]  # [n] px
@@ -205,7 +205,7 @@ def _run_of(line, j, n, scale, moves):
 
 @compiled
 def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
-    """Spread n pixels of one radius without slopes across, from the j-th of a line on.
+    """Spread n pixels of one radius without horizontal slopes, from the j-th of a line on.
 
     place, scale, half: as of `_spread_pixel`, without the column; and one divided by the area.
     """
@@ -264,7 +264,7 @@ def step_of(radius):
 
 @compiled
 def _same_from(slots, radius, x, most):
-    """How many pixels from the x-th on have its slot, its step of radius and its side of focus."""
+    """The number of pixels from the x-th on with its slot, step of radius and side of focus."""
     slot, side, q, n = slots[x], radius[x] > 0, min(step_of(radius[x]), most), 1
     while x + n < radius.shape[0] and slots[x + n] == slot:
         other = radius[x + n]

@@ -1,4 +1,4 @@
-"""SlotSurfaces as they are spread: light, radii, layers and slopes of pixels, at full size or less.
+"""Surfaces to spread: light, radii, slots and slopes of pixels, at full or reduced resolution.
 
 A disc many px wide blurs away fine detail: pixels of large radii are averaged to half, a quarter,
 ... of the resolution, those nearer than focus and those beyond it apart.
@@ -19,7 +19,7 @@ F32 = np.float32
 
 
 class SlotSurfaces(NamedTuple):
-    """What is at each pixel: the surface that the depth names, and parts of a nearer one."""
+    """The surfaces at each pixel: that of its depth, and parts of a nearer one."""
 
     light: NDArray[np.float32]  # [n, H, 4 W] three colours premultiplied by coverage, and coverage
     radius: NDArray[np.float32]  # [n, H, W] signed, in its own pixels
@@ -103,7 +103,7 @@ def _slopes(radius, minimum):
 
 @compiled
 def _keep_wide_slopes(slope, steep):
-    """Take away slopes that hold for few of the pixels around; returns whether any is left."""
+    """Remove slopes that few of the pixels around share; returns whether any is left."""
     height, width = steep.shape
     columns, counts = np.zeros(width + 1, np.int32), np.zeros(width, np.int32)
     kept = False
@@ -134,7 +134,7 @@ _SAME = 0.513
 
 @compiled
 def _find_moved(light, radius, lost, moved):
-    """What the left half has more where shifts are lost: moved [H, 4 W], coverage as it is."""
+    """The light that the left half gains where shifts are lost: [H, 4 W] without coverage."""
     height, width = radius.shape
     for y in range(height):
         for x in range(width):

@@ -42,7 +42,7 @@ class Highlights(NamedTuple):
 def reached_by(farthest: int) -> int:
     """Px around a region on which its highlights depend, for a greatest blur of `farthest` px.
 
-    The disc of a highlight beside the region reaches into it, clipped by a surface before it.
+    The disc of a highlight outside the region may reach into it, clipped by nearer surfaces.
     """
     return 3 * farthest + 2 * BLOCK
 

@@ -1,6 +1,6 @@
 """The frame of a picture: its size, tiles, content, slices, and parts of the aperture.
 
-Behind a cat's eye the pupil changes over the frame, as regions and points see it.
+With cat's eyes the pupil changes over the frame.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NEIGHBOURHOOD = 24
 
 
 class Content(NamedTuple):
-    """Properties of all pixels together that decide what is computed."""
+    """Properties of the whole picture that decide what is computed."""
 
     limits: tuple[float, float]  # least and greatest signed radius in px of what is visible
     edges: bool  # whether surfaces hide others
@@ -49,7 +49,7 @@ class Content(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """How the slices of a frame are blurred, and the order of their layers."""
+    """The slices of a frame, their blur, and the order of their layers."""
 
     # Between which visible layers hidden octaves of blur are composited
     composite_order: CompositeOrder
@@ -82,14 +82,14 @@ class Division(NamedTuple):
 
     @property
     def groups(self) -> list[slice]:
-        """The parts that are transformed together, so that the centre view is always the same."""
+        """The parts that are transformed together; the centre does not depend on other views."""
         return [self.centre] if self.pair == self.centre else [self.centre, self.pair]
 
     @property
     def left_fraction(self) -> Scalar:
-        """The share of the light of left and right together that is of the left one.
+        """The left view's share of the light of left and right.
 
-        Half of it for photodiodes that were measured: each by its own light.
+        One half for measured photodiodes, whose kernels are each normalised.
         """
         parts = list(zip(self.parts[self.pair], self.weights[self.pair], strict=True))
         if any(part.sensitivity for part, _ in parts):
@@ -137,7 +137,7 @@ class SharedFrame:
 
     @property
     def grid(self) -> Grid:
-        """Its tiles."""
+        """The tiles of the frame."""
         return self._tiled[0]
 
     @property
@@ -152,7 +152,7 @@ class SharedFrame:
 
     @property
     def scene(self) -> Box:
-        """The frame with all around it that its light may come from."""
+        """The frame and its surroundings from which light may reach it."""
         (height, width), (rows, columns) = self.size, self.beyond
         return Box(-rows, -columns, height + 2 * rows, width + 2 * columns)
 
@@ -162,10 +162,10 @@ class SharedFrame:
 
     @property
     def trace(self) -> float:
-        """Coverage that a pixel's own surface has for sure, for the pupil may see nothing else.
+        """Least coverage by a pixel's own surface, where the pupil may see nothing else.
 
-        The light of a picture of the pupil may lie aside. An opaque middle may hide the frame, of
-        which a half of the pupil sees half a column or row at the border.
+        The light of a measured pupil may lie off its centre, and an opaque middle may hide the
+        frame, of which half a pupil sees half a column or row at the border.
         """
         aperture, radii = self.settings.aperture, self.radii
         opaque = float(aperture.fixed.obstruction) * max(abs(radii[0]), abs(radii[-1]))
@@ -185,7 +185,7 @@ class SharedFrame:
 
 
 def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
-    """The frame as a region of it sees it: its windows have the pupils of the region's corners."""
+    """The frame with the pupils of the corners of a region."""
     if frame.settings.cat_eye is None:
         return frame
     views = corner_views(frame, box)
@@ -215,7 +215,7 @@ def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:
 
 
 class RegionPlace(NamedTuple):
-    """Where a region lies; the rectangles are those of the frame unless it is said."""
+    """The rectangles of a region, in the frame unless stated."""
 
     frame: SharedFrame
     grid: Grid
@@ -235,7 +235,7 @@ class RegionPlace(NamedTuple):
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
     def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
-        """The shares [m, 1, ..., h, w] of parts that look into a box; None if all are 1."""
+        """The shares [m, 1, ..., h, w] of parts that see the frame; None if all are 1."""
         frame, core = self.frame, self.grid.box
         if frame.is_inside(core, bounds):
             return None
@@ -250,7 +250,7 @@ class RegionPlace(NamedTuple):
 
 
 def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | None:
-    """The pupil as pixels [n, 2], rows and columns, see it: [n] places."""
+    """The pupils [n] that pixels [n, 2], rows and columns, see."""
     cat_eye = frame.settings.cat_eye
     if cat_eye is None:
         return None
@@ -263,7 +263,7 @@ def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | No
 
 
 def darkened(part: ViewTensors, cat_eye: CatEye, frame: tuple[int, int]) -> ViewTensors:
-    """A part of a picture with the light that the rim takes away from its pixels.
+    """A part of a picture, darkened by the vignetting of each pixel.
 
     `frame`: (height, width) of the picture in px.
     """

@@ -1,17 +1,17 @@
-"""The order in which the surfaces over a tile are composited, and hidden ones as they are seen.
+"""The order in which the surfaces over a tile are composited.
 
-An invented surface is no sharper than the surface that it was continued from: half of the
-resolution is enough for its blur.
+An invented surface is no sharper than the surface that it continues: half the resolution is enough
+for its blur.
 
-Visible surfaces come first, for they are known; and their share is right in the mean where surfaces
-out of focus cover each other by chance. But a surface in focus occludes exactly: where it goes on
-behind a nearer one, nothing beyond focus shows. So does a surface that is much less blurred than
-the one beyond it.
+Visible surfaces come first, as they are known, and as their share is right in the mean where
+surfaces out of focus cover each other at random. But a surface in focus occludes exactly: where it
+continues behind a nearer one, nothing beyond focus shows. The same holds for a surface much less
+blurred than the one beyond it.
 
-A surface nearer than focus and one beyond it are no such pair. At the edge of a near surface the
-lens points that it covers are those that see the visible part of the far one: what shows beside it
-is the part that it hides. So all that lies beyond focus is put together as if the near surfaces
-were not there, what they hide included, and shows in proportion where these leave a gap.
+It does not hold for a surface nearer than focus and one beyond it. At the edge of the near surface,
+the lens points that it covers are those that see the visible part of the far one; the other lens
+points see the hidden part. So far surfaces are composited alone, hidden parts included; the near
+ones then cover them.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Hidden:
         """Keep the octaves of blur of the surface.
 
         `octaves`: the octaves [M, C + 1, h, w], in coarse pixels; octaves of one side of focus add
-        up, the sides occlude each other; `sight`: how far the lens sees in the tile; None where
-        nothing limits it.
+        up, the sides occlude each other; `sight`: the limits of sight in the tile; None without
+        limits.
         """
         self._octaves, self._enlarged, self._sight = octaves, enlarged, sight
         self._known: dict[int, Tensor] = {}
@@ -69,7 +69,7 @@ class Hidden:
         return self._known.get(octave)
 
     def whole(self) -> Tensor | None:
-        """All octaves [M, C + 1, h, w]; None if there is nothing."""
+        """All octaves [M, C + 1, h, w]; None if all are empty."""
         sides = ([o for o in self._octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
         of_sides = ([self.octave(octave) for octave in side] for side in sides if side)
         seen = [reduce(torch.add, [x for x in side if x is not None]) for side in of_sides]
@@ -121,7 +121,7 @@ class Filling:
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
 
     def has(self, octave: int, index: int) -> bool:
-        """Whether a part of the surface over a tile is of an octave of blur."""
+        """Whether the surface has pixels of an octave over a tile."""
         return any(self._octave_of_slice[k] == octave for k in self.plan[index])
 
     def tile_surface(self, index: int, sight: Sight | None = None) -> Hidden:
@@ -157,7 +157,7 @@ def composite(
 ) -> None:
     """Add the surfaces over a tile to its views.
 
-    Where what is visible hides known surfaces, all of these come first, in the order of layers.
+    Known hidden surfaces are composited with the visible ones, in the order of layers.
     """
     visible, known = surfaces[VISIBLE], surfaces.get(HIDDEN, {})
     if HIDDEN in surfaces:

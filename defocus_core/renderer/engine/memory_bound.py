@@ -1,4 +1,4 @@
-"""What a rendering takes of memory, by its plan: a bound that holds for every picture."""
+"""Upper bound of the memory of a rendering, by its plan."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _COPIES_OF_LAYER = 8
 
 
 def memory_bound(renderer: Renderer, threads: int) -> float:
-    """Upper bound of the bytes that rendering takes beside its input and output."""
+    """Upper bound of the bytes that rendering takes, without its input and output."""
     if renderer.back == "torch":
         return _bound_of_torch(renderer, threads)
     content, settings = renderer.frame.content, replace(renderer.frame.settings, threads=threads)
@@ -66,7 +66,7 @@ def _bound_of_torch(renderer: Renderer, threads: int) -> float:
 
 
 def _bytes_of_layers(renderer: Renderer) -> float:
-    """Bytes of layers, put together and flattened for the renderer."""
+    """Bytes of layers, stacked and flattened for the renderer."""
     layered = renderer.in_focus.layers
     if layered is None:
         return 0.0

@@ -110,9 +110,9 @@ def frame_of(
 
 
 def copies_of_tile(layer_of: list[int]) -> int:
-    """Pictures of a tile that are held at once, given for each slice the number of its layer.
+    """Number of pictures of a tile held at once, given the layer number of each slice.
 
-    Blurred layers, the slices of one of them with their transforms, and what they are made of.
+    They are the blurred layers, the slices of one layer with their transforms, and their inputs.
     """
     layers = Counter(layer_of)
     return len(layers) + 4 * max(layers.values()) + 10
@@ -143,13 +143,13 @@ class _Resolution(NamedTuple):
 
 
 def computed_in(pixels: Tensor, signed_radius: Tensor) -> torch.dtype:
-    """The type of numbers to compute with, if float32 is fine enough."""
+    """The dtype to compute in where float32 is precise enough."""
     given = torch.promote_types(pixels.dtype, signed_radius.dtype)
     return torch.promote_types(given, torch.float32)
 
 
 def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = None) -> Content:
-    """What a picture holds."""
+    """The properties of a picture."""
     limit = highlight_limit(survey)
     return Content(
         limits=(survey.minimum, survey.maximum),
@@ -191,7 +191,7 @@ def _inwards(
     quality: Quality,
     hidden: tuple[int, int] | None,  # halvings and stride of what is invented; None if nothing is
 ) -> int:
-    """How far light from beyond the frame reaches into it, in px."""
+    """The reach in px of light from beyond the frame into it."""
     unbounded = _at_resolution(radii, quality, _ANY_PX, 0)
     inwards = _reach_of(border, radii, unbounded.reaches)
     if hidden is not None:
@@ -234,7 +234,7 @@ def _slicing(
 def _at_resolution(
     radii: tuple[float, ...], quality: Quality, maximum: int, level: int
 ) -> _Resolution:
-    """The slices at a resolution; their light reaches `maximum` px at most."""
+    """The slices at a resolution, whose light reaches at most `maximum` px."""
     step = 1 << level
     scaled = tuple(r / step for r in radii)
     layer_indices = layers(radii, quality)
@@ -248,7 +248,7 @@ def _at_resolution(
 def _reach_of(
     limits: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
 ) -> int:
-    """The greatest reach in px of surfaces of a range of radii, by that of each slice."""
+    """The greatest reach in px of surfaces in a range of radii, from that of each slice."""
     first, last = sorted(
         (max(bisect_right(radii, limits[0]) - 1, 0), bisect_left(radii, limits[1]))
     )
@@ -256,7 +256,7 @@ def _reach_of(
 
 
 def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
-    """Px around a region that its pixels depend on, an even number, for regions are halved.
+    """The margin in px around a region on which its pixels depend; even, as regions are halved.
 
     `farthest`: greatest reach of light in px.
     """
@@ -268,7 +268,7 @@ def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
 
 
 def _halved(size: tuple[int, int], level: int) -> tuple[int, int]:
-    """(height, width) in coarse pixels of a tile or a region, after `level` of its resolution."""
+    """(height, width) in coarse pixels of a tile or a region, halved `level` times."""
     # pixels lie between coarse pixels, and may begin in the middle of one
     more = 3 if level else 0
     return (size[0] >> level) + more, (size[1] >> level) + more

@@ -158,8 +158,8 @@ class Region:
     def _lit(self, views: Tensor, index: int) -> Tensor:
         """The views of all parts, with highlights.
 
-        A picture is divided by its coverage, which highlights do not share: they are weighted by
-        it, so that errors of the coverage do not make them brighter.
+        Views are divided by their coverage, to which highlights do not contribute. Highlights are
+        weighted by it, so that errors of the coverage do not brighten them.
         """
         box = self._tiles[index].seen_from(self._tiles[0])
         for trace in self._traces:

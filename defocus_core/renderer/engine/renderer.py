@@ -1,4 +1,4 @@
-"""The renderer of a scene, whose depth is repaired first."""
+"""The renderer of a scene, which repairs the depth first."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _COMPUTED = (
 
 
 class Renderer:
-    """A scene as a lens sees it, prepared; its tiles are computed when they are taken.
+    """A prepared scene; its tiles are computed when they are iterated over.
 
     Attributes:
         size: (height, width) in px.
@@ -52,7 +52,7 @@ class Renderer:
             self._prepare(scene, settings)
 
     def _modes(self) -> AbstractContextManager[object]:
-        """The modes of torch to compute in: gradients are recorded if any is wanted."""
+        """The modes of torch to compute in; gradients are recorded if an input requires them."""
         modes = ExitStack()
         modes.enter_context(own_modes(self._given.tensors[0].device))
         modes.enter_context(recorded_for(*self._given.tensors, self._settings))
@@ -84,13 +84,13 @@ class Renderer:
 
     @property
     def back(self) -> str:
-        """What blurs and composites the centre view: ``compiled`` loops, or ``torch``."""
+        """The back that blurs and composites the centre view: ``compiled`` or ``torch``."""
         return "compiled" if carries(self.frame, self.in_focus) else "torch"
 
     def tiles(self, progress: Callable[[int, int], None] | None = None) -> Iterator[ViewTensors]:
-        """Compute the tiles, and give them by region: in rows from the top, from left to right.
+        """Compute the tiles and yield them by region, in rows from the top, from left to right.
 
-        Their images are [C, h, w], in the precision of the scene, float32 at least.
+        Their images are [C, h, w], of the dtype of the scene, at least float32.
         """
         self._counts.clear()
         dtype = torch.promote_types(self._given.tensors[0].dtype, torch.float32)
@@ -141,21 +141,21 @@ class Renderer:
             return _assembled(self.frame, pixels, self.tiles(progress))
 
     def with_tile(self, tile: int | None) -> Renderer:
-        """The renderer of the same scene with tiles of another side in px; itself for None."""
+        """The renderer of the same scene with tiles of another side in px; unchanged for None."""
         if tile is None:
             return self
         return Renderer(self.scene, replace(self._settings, tile=tile, depth_repair="off"))
 
     @property
     def stats(self) -> dict[str, int]:
-        """Counts of what was computed and what was skipped, of the regions that are done."""
+        """Counts of the work done and skipped in the regions computed so far."""
         return _total(self.frame, self._counts)
 
 
 def _recentred(part: ViewTensors, centre: ViewTensors) -> ViewTensors:
-    """Left and right of a part, about the centre view of a picture that was rendered alone.
+    """Left and right, scaled so that their mean is a centre view that was rendered alone.
 
-    Their ratio is kept, and so their mean is the centre: whatever else was asked for, it is that.
+    Their ratio is kept.
     """
     other = part.box.crop(centre.images[0])
     own = part.images[0]
@@ -167,8 +167,8 @@ def _recentred(part: ViewTensors, centre: ViewTensors) -> ViewTensors:
 def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors]) -> ViewTensors:
     """The views of the whole picture.
 
-    Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
-    `pixels`: [C, H, W], whose precision the views get.
+    Each image [C, H, W] has memory of its own, so that keeping one does not keep the others.
+    `pixels`: [C, H, W], whose dtype the views get.
     """
     if torch.is_grad_enabled():
         views = assemble(list(_in_rows(part.to(pixels.dtype) for part in parts)))
@@ -189,7 +189,7 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors])
 
 
 def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
-    """The counts of all regions together: none of slices where compiled loops made all of them."""
+    """The sum of the counts of all regions; compiled loops count no slices."""
     if counts and not any("slice_tiles" in each for each in counts):
         return added(counts)
     return {"slices": len(frame.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
@@ -207,7 +207,7 @@ def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
 
 
 def repaired(surface: Surface, settings: Settings) -> tuple[Surface, DepthRepair]:
-    """A surface with the radii by which all its colours are rendered, and their repair."""
+    """A surface with its repaired radii, and the repair."""
     if needs_no_repair(surface, settings):
         return surface, DepthRepair()
     radius, repair = repair_depth(

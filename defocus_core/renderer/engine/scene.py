@@ -1,4 +1,4 @@
-"""A scene: a surface at each pixel, or layers that are looked through."""
+"""A scene: one surface at each pixel, or layers with coverage."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Surface:
 
     @property
     def tensors(self) -> list[Tensor]:
-        """All that is in memory."""
+        """All tensors of the surface."""
         return [x for x in (self.image, self.signed_radius, self.matte) if x is not None]
 
 
@@ -61,7 +61,7 @@ Scene = Surface | Layered
 
 
 def layers_of(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
-    """The scene of layers with coverage; of one that covers all, a surface.
+    """The scene of layers with coverage; a surface if a single layer covers all pixels.
 
     `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W] px;
     unused where coverage is 0; `coverage`: [L, H, W] in [0, 1], the share of each pixel that the
@@ -88,9 +88,9 @@ def layers_of(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
 
 
 def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
-    """A surface whose radii are final, before the layer that is known to lie behind it.
+    """The scene of a surface with final radii and the known layer behind it.
 
-    The surface itself, if it lies nowhere behind.
+    Returns the surface itself if the layer lies nowhere behind it.
     """
     if hidden is None:
         return surface
@@ -105,7 +105,7 @@ def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
 
 
 def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
-    """The layers of an element and its plate; the element goes on behind nearer parts of itself."""
+    """The layers of an element and its plate; the element continues behind its nearer parts."""
     light, radius, cover = colors[0], signed_radius[0], coverage[0]
     there = cover > 0
     if not bool(there.any()):
@@ -121,7 +121,7 @@ def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> L
 
 
 def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
-    """Colours, radii and coverage of three layers: a surface, the one behind, and nearer shares.
+    """Colours, radii and coverage of three layers: surface, surface behind, nearer shares.
 
     A mixed pixel whose depth is of the farther surface has a share of the nearer one before it. A
     mixed pixel whose depth is of the nearer surface is whole where the surface behind is known.
@@ -156,7 +156,7 @@ def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tenso
 
 
 def _share(mixed: Tensor, whole: Tensor) -> Tensor:
-    """The share [H, W] of a difference [C, H, W] in one that is mixed of it and nothing."""
+    """The share [H, W] of a colour difference [C, H, W] in a mixed one, by least squares."""
     square = whole.square().sum(0)
     return ((mixed * whole).sum(0) / torch.where(square > 0, square, 1.0)).clamp(0, 1)
 
@@ -169,7 +169,7 @@ def _stacked(layers: Sequence[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, T
 
 
 def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
-    """A scene in some channels of its colours, with px added to its radii."""
+    """A scene with some channels of its colours, and with px added to its radii."""
     if isinstance(scene, Surface):
         image = _chosen(scene.image, channels)
         return replace(scene, image=image, signed_radius=_plus(scene.signed_radius, px))
@@ -179,7 +179,7 @@ def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
 
 
 class InFocus(NamedTuple):
-    """A scene as regions read it: the picture in focus, and the layers that it is made of."""
+    """A scene for regions to read: the picture in focus, and its layers."""
 
     surface: Surface  # of layers with alpha, and the nearest radii
     layers: Layered | None  # None of one surface
@@ -187,7 +187,7 @@ class InFocus(NamedTuple):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> InFocus:
-        """Look at a scene in focus."""
+        """Read a scene in focus."""
         if isinstance(scene, Surface):
             return cls(scene, None, scene.signed_radius)
         surface = Surface(scene.picture(), scene.nearest())
@@ -201,7 +201,7 @@ def _chosen(picture: Tensor, channels: Sequence[int]) -> Tensor:
 
 
 def _plus(radii: Tensor, px: Scalar) -> Tensor:
-    """Radii and some px; themselves without any."""
+    """Radii with px added; unchanged if there are none."""
     return radii if not isinstance(px, Tensor) and px == 0 else radii + px
 
 
@@ -217,10 +217,7 @@ def _check_known(color: Tensor, radius: Tensor, mask: Tensor) -> None:
 
 
 def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:
-    """Refuse what is no hidden layer of pictures of a shape and radii of a size.
-
-    One picture of a batch may have a layer that is of none.
-    """
+    """Check that a hidden layer fits pictures of a shape and radii of a size."""
     if not (
         isinstance(hidden, tuple)
         and len(hidden) == len(HiddenLayer._fields)

@@ -1,4 +1,4 @@
-"""Settings of a rendering, checked once for all its pictures, and what each quality stands for."""
+"""Settings of a rendering, checked once for all its pictures, and those of each quality."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ BRIGHTER = 2.0
 class Quality:
     """Settings of the renderer that trade time for error; the algorithm is the same for all.
 
-    Thresholds of radii and slopes are no round numbers, so that rounding does not decide a
-    comparison.
+    Thresholds of radii and slopes are not round numbers, so that rounding does not decide
+    comparisons.
     """
 
     near_spacing: float  # distance in px between the radii of neighbouring slices near focus
@@ -96,7 +96,7 @@ _BY_SCENE = "None lets the scene decide"
 
 @dataclass(frozen=True)
 class Settings:
-    """The options that `render` explains."""
+    """The options of `render`."""
 
     aperture: Aperture = field(default_factory=Aperture)
     quality: str = "standard"

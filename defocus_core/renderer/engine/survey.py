@@ -1,4 +1,4 @@
-"""The survey of a picture: what is known of all its pixels before any of them is rendered."""
+"""The survey of a picture: statistics of all its pixels, taken before rendering."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def surveyed(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> Surve
 
 
 def _check(survey: Survey, dtype: torch.dtype) -> None:
-    """Refuse what cannot be rendered."""
+    """Check that the values can be rendered."""
     darkest, brightest, radii = survey.darkest, survey.brightest, (survey.minimum, survey.maximum)
     every = [end for ends in survey.channels for end in ends]
     for name, numbers in (("signed_radius", radii), ("image", every)):
@@ -160,11 +160,11 @@ def highlight_limit(survey: Survey) -> float:
 
 
 def needs_double(survey: Survey, limit: float) -> bool:
-    """Whether float32 is too coarse.
+    """Whether float32 is not precise enough.
 
-    Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
-    bright colours are infinite, of very dark ones 0. Pixels brighter than the limit do not
-    count: they are highlights, which are not transformed.
+    Its transforms round to 1e-7 of the brightest value, which shows in the dark; squares of very
+    bright colours overflow, those of very dark ones underflow. Pixels brighter than the limit do
+    not count: they are highlights, which are not transformed.
     """
     brightness, bright = survey.brightness, min(survey.brightest, limit)
     size = max(bright, -survey.darkest)

@@ -1,10 +1,10 @@
-"""Disocclusion: how far the aperture looks behind edges of depth.
+"""Disocclusion: the region behind edges of depth that the aperture sees.
 
 The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
-of the near one. The greatest of r_far - |q - far| over all edges (a dilation by a cone) tells how
-far any surface shows. But the lens sees the next surface first: behind a wire before a sign that is
-the sign, even where the cone of the sky beside the sign is greater. So the closest edge is kept,
-too, and its surface is continued if it is the sharper one.
+of the near one. The maximum of r_far - |q - far| over all edges (a dilation by a cone) bounds the
+region. But the lens sees the next surface first: behind a wire in front of a sign, it sees the
+sign, even where the cone of the sky beside the sign is greater. So the closest edge is kept, too,
+and its surface is continued if it is the sharper one.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def grain_of(minimum: float, maximum: float) -> float:
 
 
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
-    """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
+    """The radii of the farther pixels at edges, at half resolution: cones before their dilation.
 
     `r`: [H, W] px.
     """

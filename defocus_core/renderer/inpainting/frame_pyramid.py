@@ -64,7 +64,7 @@ def backdrop_of(
     unmixes: bool = True,
     matte: Tensor | None = None,  # [H, W], the coverage of a subject; None if it is not known
 ) -> Backdrop:
-    """The pyramid of a frame, the reach of its edges, and its mixed pixels taken apart."""
+    """The pyramid of a frame, the reach of its edges, and its mixed pixels split in two."""
     H, W = signed_radius.shape[-2:]
     dtype = dtype or pixels.dtype
     minimum, maximum = limits or _limits_of(signed_radius)

@@ -1,12 +1,12 @@
 """Hidden layers: surfaces behind depth edges, unseen by the pinhole but not by the aperture.
 
-Neighbouring pixels whose radii differ by more than one px hold a depth edge: with |∇r| < 1 the map
-from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
-From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
-is continued by the colour and radius of what lies farther, near by first, and along the lines that
-lead there. There is one hidden layer: where two wires cross before a wall, the surface that is
-continued behind the nearer one is the wire or the wall, whichever is the sharper one. A layer that
-is known takes its place.
+Neighbouring pixels whose radii differ by more than one px have a depth edge between them: with
+|∇r| < 1 the map from the picture of a lens point to that of the pinhole is one to one, beyond that
+a surface hides another. The whole aperture sees the farther surface up to r_far - r_near px behind
+the edge. There the colour and radius of farther surfaces are continued, from the closest pixels and
+along lines. There is one hidden layer: where two wires cross before a wall, the surface continued
+behind the nearer wire is the other wire or the wall, whichever is sharper. A known layer replaces
+the invented one.
 """
 
 from __future__ import annotations
@@ -159,8 +159,8 @@ _ENOUGH = 0.5
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
-    Each takes from the next coarser level what it lacks. Returns colour and radius [n, C + 1] times
-    weights, structure tensors [n, 3], and weights [n].
+    Weight missing at a level is taken from the next coarser one. Returns colour and radius
+    [n, C + 1] times weights, structure tensors [n, 3], and weights [n].
     """
     first, *rest = backdrop.tables
     found, weights = nearby(first, asked)
@@ -205,9 +205,9 @@ def _with_adjacent_surface(
 def without_known(
     hidden: HiddenLayer, known: Tensor, known_radius: Tensor, middle: tuple[Axis, Axis]
 ) -> HiddenLayer:
-    """The part of an invented layer that is needed beside what is known.
+    """An invented layer without the parts that known layers replace.
 
-    `known`: [H, W] bool, where all behind the visible is known as far as `known_radius` [H, W] px;
+    `known`: [H, W] bool, where the hidden content is known up to `known_radius` [H, W] px;
     `middle`: the middle of the frame, in px.
     """
     size = (known.shape[-2], known.shape[-1])

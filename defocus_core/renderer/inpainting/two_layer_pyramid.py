@@ -53,7 +53,7 @@ class PyramidLevel(NamedTuple):
 
     @property
     def surfaces(self) -> list[Tensor]:
-        """Both surfaces, or the only one."""
+        """The two surfaces of the level, or the only one."""
         return [self.far] if self.near is None else [self.far, self.near]
 
     @property
@@ -197,9 +197,9 @@ class SurfaceTable(NamedTuple):
 def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tuple[Tensor, Tensor]:
     """The mean of the coarse pixels of each level around each pixel, weighted by distance.
 
-    Of the surfaces that are continued to it alone. `around`: px on each side, in rows and columns,
-    of the two places whose mean is asked for. Returns [L, n, K] values times weights, and [L, n]
-    weights.
+    Only surfaces in the pixel's range of radii count. `around`: distance in px, in rows and
+    columns, of two places on both sides of the pixel, which are averaged. Returns [L, n, K] values
+    times weights, and [L, n] weights.
     """
     count = pieces(asked.at.device, _BYTES_OF_QUERY * len(table.origin))
     if len(asked.at) <= count:
@@ -211,7 +211,7 @@ def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tu
 
 
 def _nearby(table: SurfaceTable, asked: HiddenQueries, around: float) -> tuple[Tensor, Tensor]:
-    """The same for few pixels at once."""
+    """`nearby` for a few pixels at once."""
     border, ceiling = (x.detach()[None, :, None] for x in (asked.border, asked.ceiling))
     position = torch.addcmul(table.origin, table.step, asked.at.T.to(border.dtype))  # [L, 2, n]
     away = around * table.step if around else 0.0

@@ -1,6 +1,6 @@
-"""Alpha of the render: where it comes from, and what becomes of it.
+"""Alpha of the render: its source, and functions that add and remove it.
 
-Pictures and views of layers have a last channel that is alpha. `compositing.left_right` keeps it
+The last channel of pictures and views of layers is alpha. `compositing.left_right` keeps it
 within 1 in left and right.
 """
 
@@ -29,7 +29,7 @@ def color_of(pixels: Tensor) -> Tensor:
 
 
 def with_coverage(front: Tensor) -> Tensor:
-    """A front [M, C + 1, h, w] with a further channel of colours that is its coverage."""
+    """A front [M, C + 1, h, w] with its coverage as a further channel of colours."""
     return torch.cat([front, front[:, -1:]], 1)
 
 

@@ -27,7 +27,7 @@ SOLID, TRACE = "solid", "trace"
 
 
 class SampleLayer(NamedTuple):
-    """Samples of pixels, no two of one pixel."""
+    """Samples of pixels, at most one of each pixel."""
 
     color: Tensor  # [C, ..., H, W], not premultiplied by coverage; 0 where that is 0
     # [1, ..., H, W], the share of each pixel that the layer covers; [1, 1, 1] where all are whole
@@ -43,7 +43,7 @@ class SampleLayer(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """Whether all pixels are known to be whole."""
+        """Whether all pixels are known to have a coverage of 1."""
         return self.coverage.numel() == 1 < self.signed_radius.numel()
 
     @property
@@ -58,7 +58,7 @@ class SampleLayer(NamedTuple):
 
     @property
     def light_and_coverage(self) -> list[Tensor]:
-        """Both, [C, ..., H, W] and [1, ..., H, W]."""
+        """Light [C, ..., H, W] and coverage [1, ..., H, W]."""
         return [self.light, self.covered[None]]
 
     def crop(self, box: Box) -> SampleLayer:
@@ -117,7 +117,7 @@ def mixed_within(mixed: MixedPixels, box: Box) -> MixedPixels:
 
 
 def of_slices(layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> list[SampleLayer]:
-    """Many layers as one for each slice that holds any of their samples."""
+    """Layers merged to one layer per slice that holds any of their samples."""
     sums: dict[int, Tensor] = {}
     for layer in layers:
         positions = slice_position(layer.signed_radius, radii)

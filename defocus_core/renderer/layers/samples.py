@@ -1,10 +1,10 @@
 """Samples of pixels: those of one layer of the scene, and of layers sorted from near to far.
 
 Samples of one pixel are uncorrelated within it: a sample shows through the share that all nearer
-ones leave, so that the picture in focus is their `over` (Porter & Duff 1984). What shows is
-visible, the rest is hidden, but for the share that its own surface hides: samples of one pixel
-whose radii no layer of slices tells apart are one surface. In the share of a pixel that no sample
-covers is nothing.
+ones leave, so that the picture in focus is their `over` (Porter & Duff 1984). The share that
+shows is visible, the rest is hidden, except what its own surface hides: samples of one pixel whose
+radii belong to one layer of slices are one surface. The share of a pixel that no sample covers is
+empty.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FEW_SAMPLES = 8
 
 
 class Layered(NamedTuple):
-    """Layers of a frame, in memory or in files, in any order."""
+    """Layers of a frame, in any order."""
 
     colors: Tensor  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
     signed_radius: Tensor  # [L, H, W] px; undefined where coverage is 0
@@ -50,7 +50,7 @@ class Layered(NamedTuple):
 
     @classmethod
     def from_layers(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
-        """Look through the layers."""
+        """Make a scene of layers."""
         cover = coverage.detach()
         if not bool(((cover >= 0) & (cover <= 1)).all()):
             raise ValueError(
@@ -78,7 +78,7 @@ class Layered(NamedTuple):
 
     @property
     def tensors(self) -> list[Tensor]:
-        """All that is in memory."""
+        """All tensors of the layers."""
         return [self.colors, self.signed_radius, self.coverage]
 
     @property
@@ -89,7 +89,7 @@ class Layered(NamedTuple):
 
     @property
     def is_continued(self) -> bool:
-        """Whether surfaces are continued where no layer tells how: of one picture, or all over."""
+        """Whether hidden surfaces are invented where no layer is known."""
         return self.deepest == 1 or not self.open
 
     @property
@@ -122,7 +122,7 @@ class Layered(NamedTuple):
         return self._read(most_blurred)
 
     def _read(self, function: Callable[[Box], Tensor]) -> Tensor:
-        """A picture [..., H, W] of a function of boxes."""
+        """A picture [..., H, W], read box by box by a function."""
         _, _, height, width = self.colors.shape
         size, device = (height, width), self.colors.device
         return in_bands(lambda box: function(box).to(self.dtype), size, device)
@@ -167,7 +167,7 @@ class SampleStack(NamedTuple):
         return (self.color * self.through[:-1, None]).sum(0)
 
     def opaque(self) -> Tensor:
-        """The radii [L, h, w] px of opaque samples; inf of others."""
+        """The radii [L, h, w] px of opaque samples; infinite for others."""
         clear = self.color[:, -1] < 1 - _CLEAR
         return self.signed_radius.masked_fill(clear, torch.inf)
 
@@ -176,7 +176,7 @@ class SampleStack(NamedTuple):
         return self.opaque().amin(0).clamp(max=farthest)
 
     def known_behind(self, box: Box) -> tuple[Tensor, Tensor] | None:
-        """Where samples behind the nearest are opaque together, and the radius of the last in px.
+        """Where samples behind the nearest are together opaque, and the radius of the last.
 
         Both [h, w] in a box; None if there are none.
         """
@@ -186,11 +186,11 @@ class SampleStack(NamedTuple):
         return box.crop(known), box.crop(self.signed_radius[-1])
 
     def visible(self) -> tuple[SampleLayer, ...]:
-        """What shows: the nearest sample, and what shows of those behind it."""
+        """The visible layers: the nearest sample, and the visible shares of those behind it."""
         return self._weighted(self.through[:-1])
 
     def hidden(self) -> tuple[SampleLayer, ...]:
-        """What samples of nearer surfaces in the same pixel hide, if anything is hidden."""
+        """The layer that nearer samples of the same pixels hide; None if nothing is hidden."""
         if len(self.color) == 1:
             return ()
         weights = self._hidden_weights()
@@ -199,7 +199,7 @@ class SampleStack(NamedTuple):
         return self._weighted(weights)
 
     def _hidden_weights(self) -> Tensor:
-        """The share [L, h, w] of each sample that nearer surfaces hide, but not its own surface."""
+        """The share [L, h, w] of each sample that nearer surfaces, other than its own, hide."""
         radii, cover = self.signed_radius, self.color[:, -1]
         weights, first = [], 0
         at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())

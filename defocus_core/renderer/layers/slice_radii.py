@@ -3,9 +3,9 @@
 Slice radii, in px, depend on the quality alone. A pixel between two slice radii belongs to both, by
 weights that sum to one and keep the second moment of its blur: linear in r².
 
-Visible layers are composited first, for they are known. But light of a far more blurred surface
-spreads over hidden surfaces in front of it, and would shine through them: a sign behind a fence
-would be tinted by the sky. So such a hidden octave is composited before the more blurred one.
+Visible layers are composited first, as they are known. But the light of a far more blurred surface
+would spread over hidden surfaces in front of it: a sign behind a fence would be tinted by the sky.
+So a hidden octave is composited before visible layers that are far more blurred.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ _PX = "radii are in px, negative nearer than focus"
 
 
 def plane_of(minimum: float, maximum: float) -> float | None:
-    """The radius of a frame that is one plane out of focus, as far as it shows; else None.
+    """The radius of a frame that is visibly one plane out of focus; else None.
 
-    All of it is blurred by one kernel, its lights as all else. It is rounded, so that it stays when
-    the radii change by less than shows.
+    One kernel blurs the whole frame, with its highlights. The radius is rounded, so that invisible
+    changes of the radii do not change it.
     """
     middle = round((minimum + maximum) / 2 / _FLAT) * _FLAT
     is_plane = maximum - minimum <= _FLAT and abs(middle) > 2 * SOFT
@@ -44,10 +44,10 @@ def plane_of(minimum: float, maximum: float) -> float | None:
 
 
 def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float, ...]:
-    """The slice radii that hold radii from least to most.
+    """The slice radii for radii from least to most.
 
-    It begins and ends on slice radii that are an even number from focus, and has three at least:
-    every other one gives such radii over the same range. That of a plane is a slice radius itself.
+    The first and the last are an even number of slices from focus, and there are at least three, so
+    that every other one is a set of slice radii, too. The radius of a plane is a slice radius.
     """
     if (plane := plane_of(minimum, maximum)) is not None:
         step = max(quality.near_spacing, quality.far_spacing * abs(plane))
@@ -65,7 +65,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
 
 
 def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
-    """Exactly `count` radii from least to most; one stands in the middle."""
+    """Exactly `count` radii from least to most; a single one is in the middle."""
     if count == 1:
         return ((minimum + maximum) / 2,)
     return tuple(minimum + (maximum - minimum) * k / (count - 1) for k in range(count))
@@ -91,7 +91,7 @@ def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
 def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """Positions of radii [...] px among slice radii: k on the k-th, k + fraction beyond it.
 
-    A radius beyond the first or the last gets the position of this one. Differentiable in the
+    A radius beyond the first or the last has the position of that one. Differentiable in the
     radius.
     """
     if len(radii) == 1:
@@ -187,9 +187,9 @@ def in_slices(light: Tensor, positions: Tensor, slices: Tensor) -> Tensor:
 
 
 def slice_before(positions: Tensor) -> Tensor:
-    """The slice before positions [...] that are between two, or on the latter but for rounding.
+    """The slice before positions [...]; a position on a slice belongs to the interval before it.
 
-    The first slice has none before it: what is on it is between it and the next one.
+    Positions on the first slice belong to the interval after it.
     """
     nearest = positions.round()
     return torch.where(tied(positions, nearest), nearest - 1, positions.floor()).clamp(min=0)

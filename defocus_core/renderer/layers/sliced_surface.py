@@ -39,7 +39,7 @@ def continue_edges(values: Tensor, given: Box) -> None:
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, ..., H, W], x and y, in a rectangle around them: beyond an edge only along it."""
+    """Slopes [2, ..., H, W], x and y, continued around a rectangle, but not across its edges."""
     H, W = slopes.shape[-2:]
     given = Box(-box.top, -box.left, H, W)
     if box == given:
@@ -95,10 +95,10 @@ def blocks_of(
 ) -> Tensor:
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
-    `positions`: [H, W] positions of pixels among the slice radii. If they learn, a pixel on a slice
-    is in the one before, too: its share in this is 0, and has a gradient; `present`: [H, W] bool,
-    which pixels exist; None if all do; `sharp`: the slice in focus, on which shares have no
-    gradient; None if there is none.
+    `positions`: [H, W] positions of pixels among the slice radii. If they need gradients, a pixel
+    on a slice is in the one before, too: its share there is 0, and has a gradient; `present`:
+    [H, W] bool, which pixels exist; None if all do; `sharp`: the slice in focus, on which shares
+    have no gradient; None if there is none.
     """
     height, width = positions.shape
     rows, columns = -(-height // BLOCK), -(-width // BLOCK)
@@ -260,7 +260,7 @@ class Planes:
     """
 
     def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
-        """Look for slices that are planes.
+        """Find slices that are planes.
 
         `slopes`: [2, H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where
         slices are, on the CPU.
@@ -298,7 +298,7 @@ class Planes:
 
 
 class SurfaceSamples(NamedTuple):
-    """The layers of a surface that are blurred together, with what part of the lens sees of it."""
+    """The layers of a surface that are blurred together, and the slopes that shift them."""
 
     layers: Sequence[SampleLayer]
     slopes: Tensor | None = None  # [2, H, W] of the radius, px per px; None if nothing is tilted
