@@ -47,9 +47,8 @@ def views_alone(take: Take) -> tuple[ViewTensors, float] | None:
     from defocus_core.renderer.compiled.once import compile_once
 
     compile_once()
-    image = np.ascontiguousarray(block_of(color.planes), np.float32)
     px = np.ascontiguousarray(times(take.radii.px, take.longer_axis), np.float32)
-    views = rendered_alone(image, px, settings)
+    views = rendered_alone(block_of(color.planes), px, settings)
     if views is None:
         return None
     arrays: Any = [*views.images], views.trust

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import mmap
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 # As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding;
 # and as in `compositing/left_right.py` the share of light below which nothing is counted.
 _OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
-# Radius in px up to which no light comes from farther than the renderer goes on beyond the frame.
-_WIDEST = 40.0
+# Light of the border of a frame reaches so many times its radius and so many px more into it, at
+# most; up to so many px a frame of any size goes on beyond itself.
+_REACH, _MORE, _BEYOND = 1.3, 8.0, 64
 _MANY = 1 << 22  # numbers from which on it matters that few pages are touched
 NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
 
@@ -71,17 +72,19 @@ def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: Dept
 
 
 def rendered_alone(
-    image: NDArray[np.float32], radius: NDArray[np.float32], settings: Settings
+    image: NDArray[Any], radius: NDArray[np.float32], settings: Settings
 ) -> ArrayViews | None:
     """The views of a picture [3, H, W] with radii [H, W] px; None if torch must decide.
 
     Its settings must be carried.
     """
-    seen = look_at(radius, settings)
+    seen, is_exact = look_at(radius, settings), settings.depth_repair == "off"
+    is_plane = plane_of(*seen.range) is not None
+    if not seen.usable or is_plane or _is_cut(radius) or not (is_exact or seen.clean):
+        return None
+    image = np.ascontiguousarray(image, np.float32)
     each, plain = look_at_light(image)
-    widest = max(-seen.range[0], seen.range[1])
-    usable = plain and seen.usable and widest <= _WIDEST and plane_of(*seen.range) is None
-    if not usable or not (settings.depth_repair == "off" or is_clean(image, radius, seen)):
+    if not plain or not (is_exact or is_clean(image, radius, seen)):
         return None
     channels = tuple((least, greatest) for least, greatest in each.tolist())
     statistics = Statistics(
@@ -94,6 +97,13 @@ def rendered_alone(
     samples = samples_of(image, radius, statistics)
     found, darker = render_samples(samples, NO_LIGHTS, statistics, settings, slice(0, CHANNELS))
     return ArrayViews(found[:, :-1], found[0, -1:], counts_of(radius, darker, settings))
+
+
+def _is_cut(radius: NDArray[np.float32]) -> bool:
+    """Whether light may come from farther than a frame of radii [H, W] px goes on beyond itself."""
+    border = radius[:1], radius[-1:], radius[:, :1], radius[:, -1:]
+    widest = max(float(np.abs(line).max()) for line in border)
+    return bool(_REACH * widest + _MORE > max(min(radius.shape), _BEYOND))
 
 
 def render_samples(
