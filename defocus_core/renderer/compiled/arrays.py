@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 # As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding;
 # and as in `compositing/left_right.py` the share of light below which nothing is counted.
 _OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
-# Light of the border of a frame reaches so many times its radius and so many px more into it, at
-# most; up to so many px a frame of any size goes on beyond itself.
-_REACH, _MORE, _BEYOND = 1.3, 8.0, 64
+# Radius in px of the border up to which any frame goes on beyond itself as far as light reaches;
+# others go on by their side, and light reaches so many times its radius and so many px at most.
+_WIDEST, _REACH, _MORE = 40.0, 2.05, 8.0
 _MANY = 1 << 22  # numbers from which on it matters that few pages are touched
 NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
 
@@ -103,7 +103,7 @@ def _is_cut(radius: NDArray[np.float32]) -> bool:
     """Whether light may come from farther than a frame of radii [H, W] px goes on beyond itself."""
     border = radius[:1], radius[-1:], radius[:, :1], radius[:, -1:]
     widest = max(float(np.abs(line).max()) for line in border)
-    return bool(_REACH * widest + _MORE > max(min(radius.shape), _BEYOND))
+    return widest > _WIDEST and _REACH * widest + _MORE > min(radius.shape)
 
 
 def render_samples(
