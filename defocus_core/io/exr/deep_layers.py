@@ -6,9 +6,9 @@ that of the nearest sample.
 Of two pictures in one pixel, what lies in one place is mixed by what each absorbs (P. Hillman, The
 Theory of OpenEXR Deep Samples; F. Kainz, Interpreting OpenEXR Deep Pixels, 2013).
 
-Of a pixel of more samples than layers, the two neighbours nearest to each other in 1 / distance
-become one, until there are few enough: blur is linear in 1 / distance. The nearer one weakens the
-light of the farther one by its alpha, and both count by what shows of them.
+Of a pixel of more samples than layers, neighbours near to each other in 1 / distance become one:
+blur is linear in 1 / distance. Nearer ones weaken the light of farther ones by their alpha, and all
+count by what shows of them.
 """
 
 from __future__ import annotations
@@ -121,45 +121,30 @@ def merge_samples(samples: DeepSamples, light: tuple[str, ...]) -> tuple[DeepSam
 
     `light`: names of channels, that of alpha last.
     """
-    many = np.bincount(samples.pixel)[samples.pixel] > MAX_LAYERS if len(samples.pixel) else None
-    if many is None or not many.any():
+    crowded = int((np.bincount(samples.pixel) > MAX_LAYERS).sum())
+    if not crowded:
         return samples, 0
-    pixel, values = samples.pixel[many], np.array([samples.values[n][many] for n in light], "f8")
-    crowded = len(np.unique(pixel))
+    depth = samples.values[DEPTH].astype("f8")
     with np.errstate(divide="ignore", invalid="ignore"):
-        near = np.nan_to_num(1 / samples.values[DEPTH][many].astype("f8"), nan=0, posinf=0)
-    while ((excess := np.bincount(pixel)[pixel] - MAX_LAYERS) > 0).any():
-        one = _nearest_pairs(pixel, near, excess)
-        two, left = one + 1, 1 - values[-1, one]
-        weights = values[-1, one], values[-1, two] * left
-        total = np.maximum(weights[0] + weights[1], 1e-30)
-        near[one] = (weights[0] * near[one] + weights[1] * near[two]) / total
-        values[:, one] += values[:, two] * left
-        pixel, near, values = (np.delete(each, two, -1) for each in (pixel, near, values))
+        near = np.nan_to_num(1 / depth, nan=0, posinf=0)
+    group = _groups(samples, near)
+    share = _fractions(samples._replace(pixel=group, rank=ranks(group)))
+    values = {n: np.bincount(group, share * samples.values[n]).astype("f4") for n in light}
+    weights = share * samples.values[ALPHA]
+    total = np.bincount(group, weights)
+    first = np.flatnonzero(np.diff(group, prepend=-1))
     with np.errstate(divide="ignore"):
-        merged = {**dict(zip(light, values, strict=True)), DEPTH: 1 / near}
-    pixel = np.concatenate([samples.pixel[~many], pixel])
-    order = np.argsort(pixel, kind="stable")
-    both = {n: np.concatenate([samples.values[n][~many], merged[n]]) for n in merged}
-    every = {name: each[order].astype("f4") for name, each in both.items()}
-    return DeepSamples(samples.window, pixel[order], ranks(pixel[order]), every), crowded
+        middle = np.maximum(total, 1e-30) / np.bincount(group, weights * near)
+    values[DEPTH] = np.where(np.bincount(group) > 1, middle, depth[first]).astype("f4")
+    pixel = samples.pixel[first]
+    return DeepSamples(samples.window, pixel, ranks(pixel), values), crowded
 
 
-def _nearest_pairs(
-    pixel: NDArray[Any], near: NDArray[Any], excess: NDArray[Any]
-) -> NDArray[np.intp]:
-    """The first samples of pairs that are merged sooner or later if the nearest come first.
-
-    A merged pair is no nearer to its neighbours than its samples were. So of `excess` [N] merges in
-    a pixel none is of samples farther apart than as many steps of 1 / distance are; among these,
-    pairs that are nearer to each other than to their neighbours are merged, whichever comes first.
-    """
-    step = np.append(np.where(np.diff(pixel) == 0, near[:-1] - near[1:], np.inf), np.inf)
-    mixed = (
-        np.arange(len(step)) * 0.6180339887498949 % 1
-    )  # of equal steps in a row, some come first
-    place = np.empty(len(step), np.int64)
-    place[np.lexsort((mixed, step, pixel))] = ranks(pixel)
-    place[np.isinf(step)] = len(step)
-    before, behind = np.roll(place, 1), np.roll(place, -1)
-    return np.flatnonzero((place < excess) & (place < before) & (place < behind))
+def _groups(samples: DeepSamples, near: NDArray[Any]) -> NDArray[np.intp]:
+    """The number [N] of the group of each sample: the widest steps of a pixel part its groups."""
+    step = np.where(samples.rank > 0, np.roll(near, 1) - near, np.inf)
+    mixed = np.arange(len(step)) * 0.6180339887498949 % 1  # equal steps part evenly
+    order = np.lexsort((mixed, -step, samples.pixel))
+    place = np.empty(len(step), np.intp)
+    place[order] = ranks(samples.pixel[order])
+    return np.cumsum(place < MAX_LAYERS) - 1
