@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +33,8 @@ def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
     if place is None:
         return row
     try:
-        return replace(row, **_SIDECARS[row.sidecar].read(place, samples))
+        read, _ = _SIDECARS[row.sidecar]
+        return replace(row, **read(place, samples))
     except (OSError, *MALFORMED) as error:  # another content
         problem = f"does not say what {row.sidecar} of {samples.path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
@@ -92,19 +93,13 @@ def _positive(value: float) -> float:
     return value
 
 
-class _Sidecar(NamedTuple):
-    """How a sidecar is read, and where it may lie."""
-
-    read: Callable[[Path, DepthNumbers], Found]  # by its place and the numbers of the depth file
-    # Relative to the depth file's folder; none of metadata of the file itself
-    places: tuple[str, ...] = ()
-
-
-_SIDECARS = {
-    "calib.txt": _Sidecar(_calib, ("calib.txt",)),
-    "scene_camera.json": _Sidecar(_scene_camera, ("scene_camera.json", "../scene_camera.json")),
-    "heic": _Sidecar(_heic),
-    "gdepth": _Sidecar(_gdepth),
+# By its place and the numbers of the depth file; and where it may lie, relative to that file's
+# folder: nowhere, if it is metadata of the file itself.
+_SIDECARS: dict[str, tuple[Callable[[Path, DepthNumbers], Found], tuple[str, ...]]] = {
+    "calib.txt": (_calib, ("calib.txt",)),
+    "scene_camera.json": (_scene_camera, ("scene_camera.json", "../scene_camera.json")),
+    "heic": (_heic, ()),
+    "gdepth": (_gdepth, ()),
 }
 
 
@@ -117,7 +112,7 @@ def _found(places: tuple[str, ...], path: Path) -> Path | None:
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
     """The sidecar of a depth file, or itself; None if there is none."""
-    places = _SIDECARS[row.sidecar].places
+    _, places = _SIDECARS[row.sidecar]
     return _found(places, path) if places else path
 
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -84,19 +83,14 @@ def _decode(
     path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
 ) -> dict[str, NDArray[Any]]:
     """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""
-    spec = file.spec()
-    piece: dict[str, NDArray[Any]] = {}
-    named = [pair for pair in enumerate(spec.channelnames) if pair[1] in types]
-    if len(named) != len(types):
+    names = file.spec().channelnames
+    if not types.keys() <= set(names):
         raise damaged(path, "two lists of channels")
-    # Neighbours of one type have the same distance from their place among the wanted channels.
-    placed = [
-        (types[name], index - place, index, name) for place, (index, name) in enumerate(named)
-    ]
-    for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
-        names = {index: name for _, _, index, name in group}
-        first, end = min(names), max(names) + 1
+    piece: dict[str, NDArray[Any]] = {}
+    for kind in set(types.values()):
+        places = {name: names.index(name) for name in types if types[name] == kind}
+        span = min(places.values()), max(places.values()) + 1
         rows = window.y0, window.y1 + 1
-        pixels = decoded_rows(path, file, part, rows, (first, end), kind)
-        piece |= {name: pixels[:, :, index - first] for index, name in names.items()}
+        pixels = decoded_rows(path, file, part, rows, span, kind)
+        piece |= {name: pixels[:, :, place - span[0]] for name, place in places.items()}
     return piece

@@ -42,13 +42,8 @@ def read_keys(file: Path) -> Keys:
         frame, values = frame_of(row.get("frame", ""), place), dict(row)
         if {"x", "y"} & row.keys():
             if "focus-at" in row:
-                problem, remedy = (
-                    "stands beside x and y, which are focus-at",
-                    "leave one of them out",
-                )
-                raise InputError(
-                    "contradiction", problem, remedy, path=place.with_field("focus-at")
-                )
+                problem, where = "stands beside x and y", place.with_field("focus-at")
+                raise InputError("contradiction", problem, "leave one of them out", path=where)
             values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
         values.pop("frame", None)
         for option, text in values.items():
