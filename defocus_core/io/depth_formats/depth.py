@@ -34,14 +34,11 @@ def fill_from_farther(
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
     """
-    empty = ~valid.any(axis=1)
-    some = np.flatnonzero(~valid.all(axis=1))
-    metres[some] = _filled_along_rows(metres[some], valid[some], farther)
-    full = np.flatnonzero(~empty)
-    for y in np.flatnonzero(empty):
-        place = int(np.searchsorted(full, y))
-        beside = full[max(place - 1, 0) : place + 1]
-        metres[y : y + 1] = farther.reduce([metres[n : n + 1] for n in beside])
+    metres[...] = _filled_along_rows(metres, valid, farther)
+    some = valid.any(axis=1)
+    if not some.all():
+        columns = np.broadcast_to(some, valid.shape[::-1])
+        metres[...] = _filled_along_rows(metres.T, columns, farther).T
 
 
 def _filled_along_rows(
@@ -143,7 +140,13 @@ def read_depth(
     own = "" if reading.depth_format or reading.relative else own_format(path)
     if own and (not reading.says_scale or "depth-unit" in NAMES[own].takes):
         reading = replace(reading, depth_format=own)
-    samples = read_numbers(path, reading, size, overscan)
+    row, read = reading.row, exr_depth_numbers
+    if not is_exr(read_head(path)):
+        from defocus_core.io.depth_formats.file_types import other_numbers as read
+    samples = read(path, reading, size, overscan)
+    if reading.depth_format is not None and samples.type not in row.files:
+        problem = f"is read as {samples.words}, and {row.name} comes as {', '.join(row.files)}"
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
     return depth_of(samples, reading, lens_focal=lens_focal, overscan=overscan, alpha=alpha)
 
 
@@ -200,24 +203,6 @@ def depth_of(
         told.append(f"{problem}; say ‹depth-format› nuke-scanline, or metres")
     depth = replace(depth, warnings=tuple(f"{path.name}: {words}" for words in told))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
-
-
-def read_numbers(
-    path: Path,
-    reading: DepthReading,
-    size: tuple[int, int] | None,
-    overscan: Overscan = NO_OVERSCAN,
-) -> DepthNumbers:
-    """The numbers of a depth file, of a type that the named format comes in."""
-    row, read = reading.row, exr_depth_numbers
-    if not is_exr(read_head(path)):
-        from defocus_core.io.depth_formats.file_types import other_numbers as read
-    samples = read(path, reading, size, overscan)
-    if reading.depth_format is not None and samples.type not in row.files:
-        files = ", ".join(row.files)
-        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
-        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
-    return samples
 
 
 def require_valid(depth: Depth) -> None:

@@ -299,8 +299,6 @@ def decoded(
         cosine = _cosine(metres.shape, row.focal_px, overscan.shown(*metres.shape[:2]))
         metres = (metres.astype(np.float64) * cosine).astype(np.float32)
     invalid = np.isin(numbers, row.invalid) if row.invalid else np.False_
-    if row.invalid_infinity:
-        invalid = invalid | np.isposinf(numbers)
     for pixels, value in ((is_sky(numbers, row), np.inf), (invalid, np.nan)):
         if pixels.any():
             metres = np.where(pixels, np.float32(value), metres)

@@ -10,6 +10,7 @@ stereo data sets, networks, renderers, data sets of depth.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -59,9 +60,9 @@ class DepthFormat:
     radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
     axes: str = "HW"  # order of axes in the file, N for frames
     geometry: str = "planar"  # planar, radial, or ask where the user must say it
-    # Numbers that mean no depth, beside NaN and what is not in front of the camera
+    # Numbers that mean no depth, +inf rather than sky too, beside NaN and what is not in front of
+    # the camera
     invalid: tuple[float, ...] = ()
-    invalid_infinity: bool = False  # whether +inf means no depth rather than sky
     # Numbers from this one on are sky; of a completed row, towards the far end
     sky: float = SKY
     sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
@@ -90,12 +91,11 @@ def _row(names: str, title: str, files: tuple[str, ...], **fields: Any) -> Depth
 _stereo = partial(_row, rule="inverse")
 _png16 = partial(_row, files=("16-bit PNG",), invalid=(0,))
 _exr = partial(_row, files=("EXR",), takes=("depth-unit",))
+_INF = (math.inf,)
 _isaac = partial(_row, files=("NPY",), sky_numbers=(0.0,))
 
 STEREO_DATASETS = (
-    _stereo(
-        "middlebury", "Middlebury stereo", ("PFM",), invalid_infinity=True, sidecar="calib.txt"
-    ),
+    _stereo("middlebury", "Middlebury stereo", ("PFM",), invalid=_INF, sidecar="calib.txt"),
     _stereo(
         "middlebury2003",
         "Middlebury 2003 as PNG, a quarter of the size",
@@ -129,7 +129,7 @@ NETWORKS = (
     _exr(
         "moge",
         "MoGe, depth.exr",
-        invalid_infinity=True,
+        invalid=_INF,
         mask=Mask(("mask.png", "{stem}_mask.png"), zeros=True),
         note="version 1 has no scale: give ‹depth-scale›",
     ),

@@ -28,7 +28,7 @@ def facts(row):
     if abs(row.scale) != 1:
         yield number(row.scale if row.scale > 1 else 1 / row.scale)
     yield from ["(radial)"] * (row.geometry == "radial")
-    invalid = [number(n) for n in row.invalid] + ["inf"] * row.invalid_infinity
+    invalid = [number(n) for n in row.invalid]
     mask = ["mask"] * (row.mask is not None)
     invalid += [f"{row.holes} 0"] * bool(row.holes) + mask
     yield f"invalid {', '.join(invalid)}" if invalid else ""
