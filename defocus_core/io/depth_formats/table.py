@@ -33,7 +33,7 @@ class Mask:
     # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
     # file, ``{folder}`` the name of its folder
     places: tuple[str, ...]
-    zeros: bool = False  # whether it marks them by 0, or by any other number
+    zeros: bool = True  # whether it marks them by 0, or by any other number
 
 
 @dataclass(frozen=True)
@@ -93,101 +93,15 @@ _png16 = partial(_row, files=("16-bit PNG",), invalid=(0,))
 _exr = partial(_row, files=("EXR",), takes=("depth-unit",))
 _INF = (math.inf,)
 _isaac = partial(_row, files=("NPY",), sky_numbers=(0.0,))
-
-STEREO_DATASETS = (
-    _stereo("middlebury", "Middlebury stereo", ("PFM",), invalid=_INF, sidecar="calib.txt"),
-    _stereo(
-        "middlebury2003",
-        "Middlebury 2003 as PNG, a quarter of the size",
-        ("8-bit PNG",),
-        scale=1 / 4,
-        invalid=(0,),
-        note="pictures of half the size need ‹depth-scale› 2",
-    ),
-    _stereo(
-        "sceneflow flyingthings3d monkaa driving",
-        "FlyingThings3D, Monkaa, Driving",
-        ("PFM",),
-        focal_px=1050.0,
-        baseline=1.0,
-        note="pictures of 15 mm need ‹focal-px› 450",
-    ),
-    _stereo(
-        "cityscapes",
-        "Cityscapes, disparity: (v - 1) / 256 px",
-        ("16-bit PNG",),
-        scale=1 / 256,
-        invalid=(0,),
-        shift=-1 / 256,
-    ),
-)
-
-
+_tartan = partial(_row, sky=1000.0, focal_px=320.0, focal_width=640)
 _PICTURES = ("16-bit PNG", "8-bit PNG")
-
-NETWORKS = (
-    _exr(
-        "moge",
-        "MoGe, depth.exr",
-        invalid=_INF,
-        mask=Mask(("mask.png", "{stem}_mask.png"), zeros=True),
-        note="version 1 has no scale: give ‹depth-scale›",
-    ),
-    _row("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
-    _row(
-        "depth-anything midas",
-        "Depth Anything relative, MiDaS: disparity without scale and shift",
-        (*_PICTURES, *FLOATS),
-        rule="inverse",
-        needs=("depth-range",),
-    ),
-    _row(
-        "video-depth-anything",
-        "Video Depth Anything",
-        ("NPZ", "EXR"),
-        rule="",
-        takes=("depth-range",),
-        channels=("depths", "depth", "Z", "*"),
-        axes="NHW",
-        note="the metric model writes depth, the others disparity; ‹part› N chooses the frame",
-    ),
-    _row(
-        "depth-anything-3",
-        "Depth Anything 3",
-        FLOATS,
-        channels=("depth", "*"),
-        axes="NHW",
-        geometry="ask",
-        takes=("depth-unit",),
-        note="whether z or the length of the ray is open; units of the network",
-    ),
-    _row("marigold", "Marigold, affine depth", ("NPY", "16-bit PNG"), needs=("depth-range",)),
-    _row("apple-heic", "iPhone portrait, HEIC", ("HEIC",), rule="per-metre", sidecar="heic"),
-    _exr(
-        "alicevision",
-        "AliceVision, Meshroom, depthMap.exr",
-        invalid=(-1,),
-        geometry="radial",
-        note="known by its header",
-    ),
-    _row("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
-    # docs.lookingglassfactory.com, "RGBD Photos": the depth in grey beside the colour
-    _row(
-        "side-by-side rgbd",
-        "Looking Glass RGBD, colour in the left half and depth in the right",
-        _PICTURES,
-        rule="",
-        needs=("depth-range",),
-        is_right_half=True,
-        note="name the file twice, as colour and as depth; or take it as relative with ‹blur›",
-    ),
-)
-
-
+_BEYOND_20000 = 20000.002  # the next float32
 _SCENE = "units of the scene, as metres unless ‹depth-unit› says otherwise"
 _ALPHA = f"{_SCENE}; where alpha is 0 is sky"
 
-RENDERERS = (
+
+ROWS: tuple[DepthFormat, ...] = (
+    # Renderers
     _row(
         "metres blendedmvs habitat depth-anything-v2-metric",
         "any file of depth, in the unit of ‹depth-unit›: BlendedMVS, Habitat's pinhole camera, "
@@ -294,13 +208,7 @@ RENDERERS = (
         note="‹depth-range› is the distance of black, then of white",
     ),
     _row("colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), takes=("depth-unit",), note=_SCENE),
-)
-
-
-_PNG16 = ("16-bit PNG",)
-_BEYOND_20000 = 20000.002  # the next float32
-
-DEPTH_DATASETS = (
+    # Data sets of depth
     _row(
         "hypersim",
         "Hypersim, depth_meters.hdf5",
@@ -311,22 +219,9 @@ DEPTH_DATASETS = (
         focal_width=1024,
         note="NaN is sky or a window; scenes with a tilted or shifted lens need ‹focal-px›",
     ),
-    _row(
-        "tartanair",
-        "TartanAir, depth_left.npy",
-        ("NPY",),
-        sky=1000.0,
-        focal_px=320.0,
-        focal_width=640,
-    ),
-    _row(
-        "tartanair2",
-        "TartanAir V2, a float32 in R, G, B and A",
-        ("8-bit RGBA",),
-        bits="float32",
-        sky=1000.0,
-        focal_px=320.0,
-        focal_width=640,
+    _tartan("tartanair", "TartanAir, depth_left.npy", ("NPY",)),
+    _tartan(
+        "tartanair2", "TartanAir V2, a float32 in R, G, B and A", ("8-bit RGBA",), bits="float32"
     ),
     _row(
         "sintel",
@@ -357,18 +252,17 @@ DEPTH_DATASETS = (
         sidecar="scene_camera.json",
     ),
     # microsoft.com, "RGB-D Dataset 7-Scenes": "in millimeters … invalid depth is set to 65535"
-    _row("7scenes", "7-Scenes, *.depth.png", _PNG16, scale=1 / 1000, invalid=(0, 65535)),
+    _png16("7scenes", "7-Scenes, *.depth.png", scale=1 / 1000, invalid=(0, 65535)),
     # github.com/EPFL-VILAB/omnidata, omnidata_tools: dataset/README.md, "increments of 1/512m";
     # torch/dataloader/task_configs.py, whose mask_val of depth_zbuffer is the greatest number
-    _row(
+    _png16(
         "taskonomy omnidata",
         "Taskonomy, Omnidata, depth_zbuffer",
-        _PNG16,
         scale=1 / 512,
         invalid=(0, 65535),
     ),
     _png16("kitti", "KITTI depth, sparse", scale=1 / 256),
-    _row("vkitti2 vkitti", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500),
+    _png16("vkitti2 vkitti", "Virtual KITTI 2", scale=1 / 100, invalid=(), sky=65500),
     _row(
         "nyu-mat",
         "NYU Depth V2, nyu_depth_v2_labeled.mat",
@@ -379,7 +273,7 @@ DEPTH_DATASETS = (
         note="‹part› N chooses the frame; pixels without raw depth are invalid",
     ),
     _png16("matterport", "Matterport3D, undistorted_depth_images", scale=1 / 4000),
-    _row("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",), zeros=True)),
+    _row("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",))),
     _png16("pointodyssey", "PointOdyssey", scale=1000 / 65535, sky=65535),
     _png16("dynamicreplica", "Dynamic Replica, float16 in 16 bits", bits="float16"),
     _png16(
@@ -414,16 +308,94 @@ DEPTH_DATASETS = (
         scale=50 / 65535,
         sky=65535,
         mask=Mask(
-            ("{stem}_mask_invalid.png", "mask_invalid/{stem}.png", "../mask_invalid/{stem}.png"),
-            zeros=True,
+            ("{stem}_mask_invalid.png", "mask_invalid/{stem}.png", "../mask_invalid/{stem}.png")
         ),
         note="mask_invalid is true where the depth is valid",
     ),
     _png16("scenenet-rgbd", "SceneNet RGB-D", scale=1 / 1000, geometry="radial"),
+    # Stereo data sets
+    _stereo("middlebury", "Middlebury stereo", ("PFM",), invalid=_INF, sidecar="calib.txt"),
+    _stereo(
+        "middlebury2003",
+        "Middlebury 2003 as PNG, a quarter of the size",
+        ("8-bit PNG",),
+        scale=1 / 4,
+        invalid=(0,),
+        note="pictures of half the size need ‹depth-scale› 2",
+    ),
+    _stereo(
+        "sceneflow flyingthings3d monkaa driving",
+        "FlyingThings3D, Monkaa, Driving",
+        ("PFM",),
+        focal_px=1050.0,
+        baseline=1.0,
+        note="pictures of 15 mm need ‹focal-px› 450",
+    ),
+    _stereo(
+        "cityscapes",
+        "Cityscapes, disparity: (v - 1) / 256 px",
+        ("16-bit PNG",),
+        scale=1 / 256,
+        invalid=(0,),
+        shift=-1 / 256,
+    ),
+    # Networks and telephones
+    _exr(
+        "moge",
+        "MoGe, depth.exr",
+        invalid=_INF,
+        mask=Mask(("mask.png", "{stem}_mask.png")),
+        note="version 1 has no scale: give ‹depth-scale›",
+    ),
+    _row("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
+    _row(
+        "depth-anything midas",
+        "Depth Anything relative, MiDaS: disparity without scale and shift",
+        (*_PICTURES, *FLOATS),
+        rule="inverse",
+        needs=("depth-range",),
+    ),
+    _row(
+        "video-depth-anything",
+        "Video Depth Anything",
+        ("NPZ", "EXR"),
+        rule="",
+        takes=("depth-range",),
+        channels=("depths", "depth", "Z", "*"),
+        axes="NHW",
+        note="the metric model writes depth, the others disparity; ‹part› N chooses the frame",
+    ),
+    _row(
+        "depth-anything-3",
+        "Depth Anything 3",
+        FLOATS,
+        channels=("depth", "*"),
+        axes="NHW",
+        geometry="ask",
+        takes=("depth-unit",),
+        note="whether z or the length of the ray is open; units of the network",
+    ),
+    _row("marigold", "Marigold, affine depth", ("NPY", "16-bit PNG"), needs=("depth-range",)),
+    _row("apple-heic", "iPhone portrait, HEIC", ("HEIC",), rule="per-metre", sidecar="heic"),
+    _exr(
+        "alicevision",
+        "AliceVision, Meshroom, depthMap.exr",
+        invalid=(-1,),
+        geometry="radial",
+        note="known by its header",
+    ),
+    _row("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
+    # docs.lookingglassfactory.com, "RGBD Photos": the depth in grey beside the colour
+    _row(
+        "side-by-side rgbd",
+        "Looking Glass RGBD, colour in the left half and depth in the right",
+        _PICTURES,
+        rule="",
+        needs=("depth-range",),
+        is_right_half=True,
+        note="name the file twice, as colour and as depth; or take it as relative with ‹blur›",
+    ),
 )
-
-
-ROWS: tuple[DepthFormat, ...] = (*RENDERERS, *DEPTH_DATASETS, *STEREO_DATASETS, *NETWORKS)
 FORMATS = {row.name: row for row in ROWS}
 NAMES = {name: row for row in ROWS for name in (row.name, *row.aliases)}
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the file
