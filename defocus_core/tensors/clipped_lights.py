@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core.allowed_values import AUTO_LIGHTS
 from defocus_core.tensors.box import Box
@@ -169,29 +169,22 @@ def _found(
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
     around = max(_MIN_AROUND, round(_AROUND * max(size)))
     reach = max(_MIN_RIM, round(_RIM * max(size)))
-    runs_of_level: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
-    for first, end in bands(image):
-        top = max(first - around, 0)
-        light = _wide(image[..., top : min(end + around, size[0]), :]).detach()[:colors]
-        blur = torch.full_like(light[0, first - top : end - top], _WIDEST)
-        if signed_radius is not None:
-            blur = signed_radius[first:end].detach().abs().to(blur)
-        for level, (low, _) in zip(runs_of_level, pairs, strict=True):
-            level.append(_band(light, blur, (first, end), top, low, around, reach))
+    blur = image.new_full(size, _WIDEST) if signed_radius is None else signed_radius.detach().abs()
     levels = []
-    for level, (low, high) in zip(runs_of_level, pairs, strict=True):
-        runs, values = zip(*level, strict=True)
-        joined = Runs.concatenate([*runs])
-        lamps = _lamps(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
-        levels.append(_BlobLevel(low, high, joined, lamps))
+    for low, high in pairs:
+        of_bands = [
+            _band(image[:colors].detach(), blur, rows, low, around, reach) for rows in bands(image)
+        ]
+        runs = Runs.concatenate([each for each, _ in of_bands])
+        sums = torch.cat([each for _, each in of_bands], 1)
+        levels.append(_BlobLevel(low, high, runs, _lamps(runs, sums, max(low, _LEVELS[1]), size)))
     return levels, _count(levels, threshold, size[1])
 
 
 def _band(
-    light: Tensor,  # [C, h, W] the colours of the band, and of rows around it
-    blur: Tensor,  # [h, W] px of the band
+    image: Tensor,  # [C, H, W] the colours
+    blur: Tensor,  # [H, W] px
     rows: tuple[int, int],
-    top: int,
     level: float,
     around: int,
     reach: int,
@@ -202,48 +195,38 @@ def _band(
     of its surroundings; the number of pixels of its rim, their brightness, weight, squared weight,
     and weighted light.
     """
-    own, bright = light[:, rows[0] - top : rows[1] - top], light.amax(0)
-    dark = bright <= level
-    runs = Runs.from_mask(~dark[rows[0] - top : rows[1] - top], rows[0])
+    top, coarse_pixel = max(rows[0] - around, 0), max(1, around // _COARSE)
+    light = _wide(image[:, top : rows[1] + around])
+    mask, above = light.amax(0) > level, rows[0] - top
+    own = mask[above : rows[1] - top]
+    runs = Runs.from_mask(own, above)
+    total = light.new_zeros(3 + len(light), len(runs.row)).double()
     if not len(runs.row):
-        return runs, light.new_zeros(6 + 2 * len(light), 0).double()
-    width, coarse_pixel = light.shape[-1], max(1, around // _COARSE)
-    start = (runs.row - rows[0]) * width
-    summed = torch.stack([_step(own.amin(0), *_HUE), blur]).flatten(1)
-    sums = pad(summed.cumsum(1, dtype=torch.float64), (1, 0))
-    inside = sums[:, start + runs.end] - sums[:, start + runs.first]
-    beside = _surrounding_mean(torch.cat([bright[None], light]), dark, level, around)
-    ground = _run_sums(beside[:, (runs.row - top) // coarse_pixel], runs, coarse_pixel)
-    rim = _rim(light, bright, runs._replace(row=runs.row - top), level, reach)
-    return runs, torch.cat([inside, ground, rim])
+        return runs, torch.cat([total, total])
+    row, column = positions_of(own).unbind(1)
+    blurred, row = blur[row + rows[0], column].to(light), row + above
+    white = _step(light[:, row, column].amin(0), *_HUE)
+    which = runs.holding(row, column, light.shape[-1])
+    beside = _surrounding_mean(light, mask, level, around // coarse_pixel, coarse_pixel)
+    beside = beside[:, row // coarse_pixel, column // coarse_pixel]
+    total.index_add_(1, which, torch.cat([white[None], blurred[None], beside]).double())
+    rim = _rim(light, mask, runs, (row, column, which), reach)
+    return runs._replace(row=runs.row + top), torch.cat([total, rim])
 
 
-def _run_sums(values: Tensor, runs: Runs, coarse_pixel: int) -> Tensor:
-    """The sums [K, n] over the pixels of runs of values [K, n, W'] in coarse pixels of rows."""
-    sums, values = pad(values.cumsum(2), (1, 0)), pad(values, (0, 1))
-
-    def cumulated(column: Tensor) -> Tensor:
-        at = (column // coarse_pixel)[None, :, None].expand(len(values), -1, 1)
-        whole, part = sums.gather(2, at)[..., 0], values.gather(2, at)[..., 0]
-        return coarse_pixel * whole + column % coarse_pixel * part
-
-    return cumulated(runs.end) - cumulated(runs.first)
-
-
-def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) -> Tensor:
+def _rim(
+    light: Tensor, mask: Tensor, runs: Runs, pixels: tuple[Tensor, Tensor, Tensor], reach: int
+) -> Tensor:
     """Sums of number, brightness, weight and weighted light of the pixels beside each run.
 
     They are the mean of those to its sides and of those above and below, so that a turned picture
-    has the same. `light`: [C, h, W], and `bright`: [h, W], its brightest channel, of the rows of
-    runs and those around; `reach`: px to each side. Returns [3 + C, n].
+    has the same. `light`: [C, h, W]; `mask`: [h, W], what is bright of it; `pixels`: row, column
+    and run of those of the runs; `reach`: px to each side. Returns [3 + C, n].
     """
-    height, width = bright.shape
+    (height, width), bright = mask.shape, light.amax(0)
     every = torch.arange(len(runs.row), device=light.device)
     ends = [(runs.row, runs.first, 0, -1, every), (runs.row, runs.end - 1, 0, 1, every)]
-    mask = bright > level
-    row, column = positions_of(mask[runs.row[0] : runs.row[-1] + 1]).unbind(1)
-    row = row + runs.row[0]
-    which = runs.holding(row, column, width)
+    row, column, which = pixels
     for down in (-1, 1):
         last = ~mask[(row + down).clamp(0, height - 1), column]
         ends.append((row[last], column[last], down, 0, which[last]))
@@ -259,24 +242,21 @@ def _rim(light: Tensor, bright: Tensor, runs: Runs, level: float, reach: int) ->
     return total / 2
 
 
-def _surrounding_mean(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
-    """Mean values [K] of the dark pixels around each coarse pixel, or the level if none is dark."""
-    coarse_pixel = max(1, around // _COARSE)
-    down, across = (-n % coarse_pixel for n in dark.shape)
-    mask = dark.to(values)[None]
-    coarse = pad(torch.cat([mask, mask * values]), (0, across, 0, down))
-    rows, columns = (n // coarse_pixel for n in coarse.shape[1:])
-    coarse = coarse.view(len(coarse), rows, coarse_pixel, columns, coarse_pixel).sum(4).sum(2)
-    both = coarse.double() / coarse_pixel**2
-    around //= coarse_pixel
-    for dim in (-2, -1):
-        length = both.shape[dim]
-        sums = torch.cat([torch.zeros_like(both.narrow(dim, 0, 1)), both.cumsum(dim)], dim)
-        at = torch.arange(length, device=dark.device)
-        after = sums.index_select(dim, (at + around + 1).clamp(max=length))
-        both = after - sums.index_select(dim, (at - around).clamp(min=0))
-    fraction, light = both[:1], both[1:]
-    return torch.where(fraction > 0.5, light / fraction.clamp(min=0.5), level)
+def _surrounding_mean(
+    light: Tensor, mask: Tensor, level: float, around: int, coarse_pixel: int
+) -> Tensor:
+    """Mean brightness and light [1 + C] of the dark pixels around each coarse pixel.
+
+    It is the level where few are dark. `around`: coarse pixels to each side.
+    """
+    down, across = (-n % coarse_pixel for n in mask.shape)
+    values = torch.cat([torch.ones_like(light[:1]), light.amax(0, keepdim=True), light])
+    dark = pad(values * ~mask, (0, across, 0, down))
+    sums = avg_pool2d(dark, coarse_pixel).double()
+    for size, margin in (((2 * around + 1, 1), (around, 0)), ((1, 2 * around + 1), (0, around))):
+        sums = avg_pool2d(sums, size, 1, margin, divisor_override=1)
+    fraction, of_dark = sums[:1], sums[1:]
+    return torch.where(fraction > 0.5, of_dark / fraction.clamp(min=0.5), level)
 
 
 def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _Lamps:
@@ -337,15 +317,11 @@ def _interpolated(
 def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
     """The number of blobs at the lowest level above the threshold that hold a light."""
     above = [level for level in levels if level.low >= threshold] or levels[-1:]
-    base = above[0].runs
-    lights = [level.runs for level in above]
-    positions = [
-        (runs.row[level.lamps.fraction > _COUNTED], runs.first[level.lamps.fraction > _COUNTED])
-        for level, runs in zip(above, lights, strict=True)
-    ]
-    at = [torch.cat(part) for part in zip(*positions, strict=True)]
-    blobs: Tensor = torch.unique(base.blobs(width)[base.holding(at[0], at[1], width)])
-    return len(blobs)
+    base, holding = above[0].runs, []
+    for level in above:
+        row, first, _ = (part[level.lamps.fraction > _COUNTED] for part in level.runs)
+        holding.append(base.holding(row, first, width))
+    return len(torch.unique(base.blobs(width)[torch.cat(holding)]))
 
 
 def _wide(values: Tensor) -> Tensor:
