@@ -8,15 +8,18 @@ from pathlib import Path
 
 import pytest
 import torch
+from renderers import renderer_of
 
 from defocus_cli.commands.help import text
 from defocus_core import (
     Aperture,
     CatEye,
+    DefocusError,
     DefocusLens,
     Distribution,
     DualPixel,
     HiddenLayer,
+    InputError,
     PupilImage,
     RandomDefocus,
     fit,
@@ -27,20 +30,9 @@ from defocus_core import (
     with_lights,
     with_noise,
 )
-from defocus_core.errors import (
-    CALLER,
-    CODES,
-    DefocusError,
-    InputError,
-    NoteKinds,
-    Place,
-    with_dashes,
-)
+from defocus_core.errors import CALLER, CODES, NoteKinds, Place, with_dashes
 from defocus_core.optics.distributions import ATTEMPTS
 from defocus_core.optics.parts import Part
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface, with_hidden
-from defocus_core.renderer.engine.settings import Settings
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(ROOT.glob("defocus_c*/**/*.py"))
@@ -149,8 +141,7 @@ def drawn(image=IMAGE[None], depth=DEPTHS, seeds=(1,), **ranges):
 
 
 def tiled(image=IMAGE, radius=RADIUS, hidden=None, **options):
-    scene = with_hidden(Surface(image, radius), hidden)
-    return list(Renderer(scene, Settings(**options)).tiles())
+    return list(renderer_of(image, radius, hidden=hidden, **options).tiles())
 
 
 def of(given, door, *rows):
@@ -256,7 +247,7 @@ ROWS = [
     ("depth_repair must be one of auto, off, got True", lambda: RandomDefocus(depth_repair=True)),
     *of(
         {},
-        Settings,
+        tiled,
         ("depth_repair must be one of auto, off, got 'on'", {"depth_repair": "on"}),
         ("edge_width must be 0 to 100 px, got -1", {"edge_width": -1.0}),
         ("edge_width must be", {"edge_width": math.nan}),

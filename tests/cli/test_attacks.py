@@ -11,11 +11,11 @@ from command_line import LENS, color_exr, failed, files_under, refused, run, suc
 from records import completed, pack, record
 from refusals import refuses
 
+from defocus_core import InputError
 from defocus_core.batch.datasets import finished, sample_index, update
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
 from defocus_core.batch.journal.runs import sweep_up
 from defocus_core.compare.pairing import RECIPE, read_recipes
-from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.safe_files import written_together, written_whole
 

@@ -11,7 +11,7 @@ from command_line import depth_exr, files_under, hidden_in, ramp, refused, run, 
 from counting import calls
 
 from defocus_cli.main import main
-from defocus_core.batch.datasets.finished import samples
+from defocus_core import samples
 from defocus_core.batch.datasets.sample_index import tar_line
 from defocus_core.batch.journal.runs import locked
 from defocus_core.batch.run_batch import WorkerConfig

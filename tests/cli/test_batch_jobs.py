@@ -5,7 +5,7 @@ import json
 from command_line import files_under, refused, run, succeed
 from jobs_files import FIXED, INPUTS, LENS, pictures
 
-from defocus_core.batch.datasets.finished import samples
+from defocus_core import samples
 
 HIGH = '\n[machine]\nquality = "high"\n'
 

@@ -6,8 +6,7 @@ import torch
 from command_line import color_exr, ramp, read_exr, refused, run, succeed, texture, write_exr
 from image_files import save
 
-from defocus_core import radius_from_relative_disparity, run_batch, samples
-from defocus_core.errors import UsageProblem
+from defocus_core import UsageProblem, radius_from_relative_disparity, run_batch, samples
 
 BLUR = ("--blur", "8px", "--focus-value", "2")
 NUMBERS = np.random.default_rng(2).uniform(-3, 9, (16, 24)).astype(np.float32)

@@ -14,12 +14,11 @@ import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import files_under, read_exr, refused, run, write_exr
 from deep_files import write_deep_samples
-from image_files import save
+from image_files import from_srgb, save
 from planted_faults import HEIGHT, WIDTH, planes, scene, write_planes
 
 from defocus_core.compare.picture import read_picture
 from defocus_core.compare.run import CAUSES, Task
-from defocus_core.io.images.color_space import srgb_to_linear
 
 PATCH = (slice(20, 30), slice(50, 60))
 
@@ -326,7 +325,7 @@ def test_flip_of_greys_is_that_of_the_paper(tmp_path):
     grey = np.ones((64, 64), np.float32)
     light, shown = [], []
     for value in (0.5, 0.55):
-        linear = srgb_to_linear(value * grey).astype(np.float32)
+        linear = from_srgb(value * grey).astype(np.float32)
         light.append(write_exr(tmp_path / f"{value}.exr", Y=linear))
         stored = np.rint(value * 65535 * grey[..., None]).astype(np.uint16)
         shown.append(save(tmp_path / f"{value}.png", stored))

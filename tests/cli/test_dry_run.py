@@ -3,9 +3,9 @@
 import os
 
 from command_line import color_exr, depth_exr, pair, photograph, ramp, refused, render, texture
+from renderers import TILE
 
 from defocus_core.picture import forecast
-from defocus_core.tensors.box import TILE
 
 
 def test_a_dry_run_says_what_it_would_do_and_does_not(tmp_path):

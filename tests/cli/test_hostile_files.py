@@ -13,7 +13,7 @@ from deep_files import write_deep_samples
 from image_files import SCANLINE
 from refusals import refuses
 
-from defocus_core.io.picture_files import read_depth
+from defocus_core import read_depth
 
 LONG = "9" * 100_000
 

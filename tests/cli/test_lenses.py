@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 from command_line import header, pair, refused, run, succeed
+from jobs_files import option
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
-from defocus_core.errors import CALLER
 from defocus_core.io.images.raster import read_samples
 from defocus_core.request.lens_files import shipped_lenses
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.resolver import parsed
 
 LENSES = shipped_lenses()
 
 
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.name)
 def test_a_lens_that_ships_wants_a_focus_alone(lens):
-    made = PictureLenses({"focus": parsed("focus", "20m", CALLER)}, file=lens.path).fixed
+    made = PictureLenses({"focus": option("focus", "20m")}, file=lens.path).fixed
     assert made.foclen > 0
     assert made.effects or made.blades
     assert 10 < len(lens.subject) < 80

@@ -21,8 +21,8 @@ from image_files import SCANLINE, multi_part, random_planes, save
 from jobs_files import FIXED, jobs
 from refusals import refuses
 
-from defocus_core.errors import InputError
-from defocus_core.io.picture_files import BYTES, read_color, read_depth, write_image
+from defocus_core import InputError, read_color, read_depth, write_image
+from defocus_core.io.picture_files import BYTES
 from defocus_core.request.job_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)

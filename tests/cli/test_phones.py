@@ -8,7 +8,7 @@ from depth_files import dynamic_depth, gdepth, png
 from image_files import save
 from optional_libraries import heic
 
-from defocus_core.io.images.color import read_color
+from defocus_core import read_color
 
 SIZE = (48, 64)
 BLUR = ("--blur", "8px", "--focus-at", "5,5")

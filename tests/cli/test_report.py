@@ -23,9 +23,9 @@ from command_line import (
     texture,
 )
 from image_files import save
+from renderers import TILE
 
 from defocus_cli.words.batch import tile_bar
-from defocus_core.tensors.box import TILE
 
 
 def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path):

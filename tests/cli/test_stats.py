@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, photograph, ramp, texture
-
-from defocus_core.tensors.box import TILE
+from renderers import TILE
 
 W, H = 3 * TILE, TILE
 

@@ -6,9 +6,9 @@ from command_line import failed, run
 import defocus_core
 from defocus_cli.main import COMMANDS
 from defocus_cli.options.shared import GroupedOption, Words
-from defocus_core import DefocusLens, RandomDefocus
+from defocus_core import DefocusLens, RandomDefocus, UsageProblem
 from defocus_core.compare.thresholds import rule, rules_like
-from defocus_core.errors import Place, UsageProblem, with_dashes
+from defocus_core.errors import Place, with_dashes
 from defocus_core.gone import GONE
 from defocus_core.request.quantities import QuantityError, one_of, read_at
 from defocus_core.request.toml_file import refuse_unknown

@@ -16,6 +16,7 @@ from refusals import refuses
 import defocus_core
 from defocus_core import (
     DefocusError,
+    UsageProblem,
     batch_jobs,
     compare_images,
     read_color,
@@ -25,7 +26,6 @@ from defocus_core import (
     write_image,
     write_map,
 )
-from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Machine
 
 ROOT = Path(defocus_core.__file__).parent

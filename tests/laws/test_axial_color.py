@@ -5,10 +5,10 @@ import math
 import pytest
 import torch
 from measures import worst
+from renderers import QUALITIES
 from scenes import white
 
 from defocus_core import DefocusLens, render
-from defocus_core.allowed_values import QUALITIES
 from defocus_core.optics.axial_color import color_offset
 
 SHIFT = 0.1  # mm

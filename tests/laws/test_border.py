@@ -7,13 +7,11 @@ import pytest
 import torch
 from measures import worst
 from reference import kernel
+from renderers import QUALITIES, renderer_of
 from tolerances import WHITE
 from torch.nn.functional import pad
 
 from defocus_core import Aperture, CatEye, DualPixel, HiddenLayer, render, render_layers
-from defocus_core.allowed_values import QUALITIES
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface, with_hidden
 
 NEAR, FAR = torch.tensor([0.8, 0.5, 0.2]), torch.tensor([0.2, 0.3, 0.6])
 PAIRS = [(-60.0, -30.0), (-60.0, -10.0), (-30.0, 30.0), (-12.0, 0.0), (8.0, 25.0)]
@@ -114,7 +112,7 @@ def test_a_known_surface_behind_a_silhouette_goes_on_too():
     hidden = HiddenLayer(*behind, radius < 0)
     views = render(image, radius, hidden=hidden, left_right=True)
     assert has_no_step(views, 20.0)
-    tiled = Renderer(with_hidden(Surface(image, radius), hidden)).tiles()
+    tiled = renderer_of(image, radius, hidden=hidden).tiles()
     assert [part.box[2:] for part in tiled] == [radius.shape]
 
 

@@ -4,10 +4,10 @@ import math
 
 import pytest
 import torch
+from jobs_files import lens_values
 
 from defocus_core import Aperture, CatEye, render
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of
-from defocus_core.request.lens import LensValues
 
 SIZE = (96, 160)  # H, W
 CAT = CatEye(1.05, 0.7)
@@ -44,7 +44,7 @@ def test_a_scene_is_the_same_in_pixels_of_any_aspect(aspect, squeeze):
             else values.unflatten(-2, (-1, 2)).mean(-2)
         )
 
-    lens = LensValues(
+    lens = lens_values(
         50.0, 2.0, 2000.0, cat_eye=(1.05, 0.7 / 0.3), squeeze=squeeze, sensor_width=20.0
     )
 

@@ -6,6 +6,7 @@ import pytest
 import torch
 from elsewhere import CPU, DEVICES, NAME, elsewhere, there, waits
 from launches import Launches
+from renderers import renderer_of
 from synthetic_scenes import scenery
 
 from defocus_core import (
@@ -26,8 +27,6 @@ from defocus_core.fitting.pictures import Scale, clipped
 from defocus_core.fitting.residual import Point, Residual
 from defocus_core.renderer.engine import regions
 from defocus_core.renderer.engine.regions import Region
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
@@ -95,7 +94,7 @@ def layers(count):
 
 def tiles(to):
     image, radius = map(to, scene())
-    parts = Renderer(Surface(image, radius), Settings(left_right=True)).tiles()
+    parts = renderer_of(image, radius, left_right=True).tiles()
     return [x for p in parts for x in (p.render, p.left, p.right, p.trust)]
 
 

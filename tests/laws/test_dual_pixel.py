@@ -6,11 +6,10 @@ import pytest
 import torch
 from measures import centroid, worst
 from reference import both, kernel, left, polygon, right
+from renderers import QUALITIES
 from scenes import RADII, pattern
 
 from defocus_core import Aperture, render
-from defocus_core.allowed_values import QUALITIES
-from defocus_core.optics.parts import LEFT
 
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]
 
@@ -33,7 +32,7 @@ def point(r, aperture=None):
 def test_left_and_right_together_are_the_centre(kind, aperture, quality):
     image, radius = pattern().float(), RADII[kind]().float()
     o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
-    share = float(aperture.fraction(LEFT))  # of an asymmetric pupil not a half
+    share = float(aperture.fraction(aperture.parts(2)[0]))  # of an asymmetric pupil not a half
     assert worst(share * o.left + (1 - share) * o.right, o.render) < 1e-6
 
 

@@ -8,9 +8,9 @@ from extremes import DTYPES, KINDS, MAX_RADIUS, Extreme, dots
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from measures import worst
+from renderers import QUALITIES
 
 from defocus_core import Aperture, render
-from defocus_core.allowed_values import QUALITIES
 
 MIRROR = {"obstruction": 0.4}
 GAUSSIAN = {"psf_type": "gaussian"}

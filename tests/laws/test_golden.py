@@ -4,8 +4,7 @@ import golden
 import pytest
 import torch
 from measures import worst
-
-from defocus_core.renderer.compiled.carried import available
+from renderers import NEEDS_LOOPS
 
 CHANGED = (
     "{scene}: {name} differs by {by:.2g} from the picture that is stored. If that is meant, raise "
@@ -13,9 +12,7 @@ CHANGED = (
 )
 # Rounding and the last bits of depth change these scenes by 2e-6 at most.
 SAME = 1e-5
-NO_NUMBA = pytest.mark.skipif(
-    not available(), reason="not on this system: Numba, for the compiled back"
-)
+NO_NUMBA = pytest.mark.skipif(**NEEDS_LOOPS)
 CARRIED = [pytest.param(scene, marks=NO_NUMBA) for scene in golden.CARRIED]
 
 

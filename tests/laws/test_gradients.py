@@ -7,6 +7,7 @@ import pytest
 import torch
 from extremes import Extreme
 from measures import worst
+from renderers import QUALITIES
 from scenes import RADII, pattern, slanted
 from synthetic_scenes import scenery
 from torch import Tensor
@@ -14,7 +15,6 @@ from torch.autograd import gradcheck
 from torch.autograd.forward_ad import dual_level, make_dual
 
 from defocus_core import DefocusLens, HiddenLayer, RandomDefocus, render
-from defocus_core.allowed_values import QUALITIES
 
 SIZE = (9, 11)
 PIXEL = 36.0 / 480  # mm

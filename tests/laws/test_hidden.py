@@ -4,11 +4,11 @@ import pytest
 import torch
 from measures import inner, psnr, worst
 from reference import Layer, flatten, layered, lens_points
+from renderers import QUALITIES
 from scenes import SIZE, card_layers, pattern, slanted
 from two_cards import BORDER, truths
 
 from defocus_core import HiddenLayer, render, render_layers
-from defocus_core.allowed_values import QUALITIES
 
 
 def behind(card_r, background_r):

@@ -6,13 +6,13 @@ import pytest
 import torch
 from measures import inner, psnr, worst
 from reference import flatten
+from renderers import QUALITIES
 from scenes import SIZE, card_layers
 from tolerances import RENDERED
 from torch.nn.functional import max_pool2d
 from two_cards import BORDER, plain_layers, truths
 
 from defocus_core import render
-from defocus_core.allowed_values import QUALITIES
 
 EXACT = RENDERED[torch.float64]
 # 24 lens points a diameter against areas: 1 % of the rim's pixels, times a contrast of 0.65

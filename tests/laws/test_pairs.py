@@ -3,10 +3,10 @@
 import pytest
 import torch
 from measures import worst
+from renderers import QUALITIES
 from tolerances import WHITE
 
 from defocus_core import Aperture, render, render_layers
-from defocus_core.allowed_values import QUALITIES
 
 PUPILS = [Aperture(), Aperture(6, 10.0), Aperture(3), Aperture(5, 20.0)]
 SIZE = (72, 96)

@@ -3,11 +3,11 @@
 import pytest
 import torch
 from measures import worst
+from renderers import QUALITIES
 from scenes import pattern, slanted
 from tolerances import RENDERED, WHITE
 
 from defocus_core import DefocusLens, RandomDefocus, render
-from defocus_core.allowed_values import QUALITIES
 
 IMAGE, RADIUS = pattern().float(), slanted().float()
 

@@ -5,8 +5,7 @@ import torch
 from measures import worst
 from torch.nn.functional import avg_pool2d, pad
 
-from defocus_core import render
-from defocus_core.depth.repair import repair_depth
+from defocus_core import render, repair_depth
 
 SIZE, AROUND = (64, 72), 24
 MOVED = [(1, 0), (0, 1), (3, 5), (11, 6)]

@@ -7,11 +7,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from measures import worst
+from renderers import QUALITIES, TILE
 from tolerances import WHITE
 
 from defocus_core import Aperture, DefocusLens, render
-from defocus_core.allowed_values import QUALITIES
-from defocus_core.tensors.box import TILE
 
 NOISE = 1e-4  # of the local truth, in the dark beside lights a hundred million times as bright
 OVERSHOOT = 1e-4  # of the brightest beyond the range of the picture

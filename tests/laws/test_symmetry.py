@@ -3,11 +3,11 @@
 import pytest
 import torch
 from measures import inner, worst
+from renderers import QUALITIES
 from scenes import RADII, blurred_card, pattern
 from tolerances import RENDERED, ROUNDING
 
 from defocus_core import render
-from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.engine import plan
 from defocus_core.tensors import box as tiling
 

@@ -9,11 +9,11 @@ import pytest
 import torch
 from measures import inner, worst
 from reference import both, left, one_plane, polygon, right, whole
+from renderers import QUALITIES
 from scenes import RADII, plane, white
 from tolerances import OVERSAMPLING, WHITE
 
 from defocus_core import Aperture, render
-from defocus_core.allowed_values import QUALITIES
 
 DISC, HEXAGON, PENTAGON = Aperture(), Aperture(6, 10.0), Aperture(5, 90.0)
 PUPILS = {

@@ -14,7 +14,7 @@ from click import ClickException
 
 from defocus_cli import main as entry
 from defocus_cli.options.shared import option_name
-from defocus_core.errors import DefocusError
+from defocus_core import DefocusError
 
 LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 WIDTH, HEIGHT = 24, 16

@@ -124,7 +124,7 @@ def outcome(path):
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     from defocus_cli.commands.info import file_lines
-    from defocus_core.errors import DefocusError
+    from defocus_core import DefocusError
     from defocus_core.io.images.raster import read_pages, set_tag
     from defocus_core.reports.inspection.inspection import inspect
     from defocus_core.request.job import Reading

@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from reference import flatten
+from renderers import renderer_of
 from scenes import card_layers, pattern, slanted, steps
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from defocus_core import Aperture
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 
 FOLDER = Path(__file__).parents[1] / "laws" / "golden"
 COMMAND = "python tests/support/golden.py"
@@ -40,13 +38,14 @@ def rendered(scene, dtype=torch.float32, nudge=0.0):
     back, scene = ("auto" if scene in CARRIED else "torch"), scene.removeprefix(COMPILED)
     image, radius = _scene(scene)
     image, radius = image.to(dtype), _nudged(radius, nudge).to(dtype)
-    settings = Settings(
+    renderer = renderer_of(
+        image,
+        radius,
         aperture=Aperture(blades=6, rotation=10.0) if scene == "polygon" else Aperture(),
         left_right=scene in ("occlusion", "highlights"),
         infinity=INFINITY if scene == "repair" else None,
         back=back,
     )
-    renderer = Renderer(Surface(image, radius), settings)
     assert (renderer.back == "compiled") == (back == "auto" and dtype == torch.float32)
     views = renderer.picture()
     pictures = {"render": views.render}

@@ -7,6 +7,18 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
+
+def to_srgb(light):
+    """Values of sRGB of linear light in 0…1 (IEC 61966-2-1)."""
+    light = np.maximum(light, 0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def from_srgb(value):
+    """Linear light of sRGB values in 0…1."""
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
 SCANLINE = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
 
 

@@ -3,9 +3,11 @@
 import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
+from defocus_core.errors import CALLER
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.lens import LensValues
+from defocus_core.request.resolver import parsed
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'
@@ -55,16 +57,23 @@ def pictures(folder):
         depth_exr(folder / f"{name}_z.exr", ramp() * np.float32(nearer))
 
 
+def lens_values(foclen=50.0, fnum=2.0, foc_dist=2000.0, **look):
+    """A lens of 50 mm at f/2, focused at 2 m, unless told otherwise."""
+    return LensValues(foclen, fnum, foc_dist, **look)
+
+
+def option(name, text):
+    """The value of an option of the caller's."""
+    return parsed(name, text, CALLER.with_field(name))
+
+
+def job_of(color, depth, out, *, name="a", machine=None, **lens):
+    """A job of one picture by a lens of 50 mm at f/2, focused at 2 m."""
+    picture, values = PictureFiles(name, color, depth), lens_values(**lens)
+    return Job(picture, values, Reading(), Outputs(out), Machine(**machine or {}))
+
+
 def chunks_of(folder, *names, size=1):
-    jobs = [
-        Job(
-            PictureFiles(n, folder / n, folder / n),
-            LensValues(50.0, 2.0, 2000.0),
-            Reading(),
-            Outputs(folder),
-            Machine(),
-        )
-        for n in names
-    ]
+    jobs = [job_of(folder / n, folder / n, folder, name=n) for n in names]
     numbered = list(enumerate(jobs))
     return (numbered[i : i + size] for i in range(0, len(numbered), size))

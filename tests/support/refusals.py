@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from defocus_core.errors import DefocusError
+from defocus_core import DefocusError
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from command_line import run
-from image_files import box, multi_part, save
+from image_files import box, from_srgb, multi_part, save, to_srgb
 from planted_faults import (
     HEIGHT,
     WIDTH,
@@ -30,7 +30,6 @@ from planted_faults import (
 )
 
 from defocus_core.compare.thresholds import rule
-from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.reports.comparison_words import line
 
 Pixels = np.ndarray[Any, Any]
@@ -56,7 +55,7 @@ def _cut(image):
 
 
 def _encoded(image):
-    return linear_to_srgb(np.clip(image, 0, 1))
+    return to_srgb(np.clip(image, 0, 1))
 
 
 def _noise(image, amount):
@@ -82,9 +81,9 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     "GBR": (lambda a: a[..., [1, 2, 0]], "channels swapped: R is G, G is B, B is R"),
     "gamma 2 %": (lambda a: a**1.02, "another gamma: to the power 1.02"),
     "gamma 2.2": (lambda a: a ** (1 / 2.2), "another gamma: to the power 0.4545"),
-    "encoded twice": (linear_to_srgb, "another gamma: sRGB-encoded once more"),
+    "encoded twice": (to_srgb, "another gamma: sRGB-encoded once more"),
     "display gamma": (
-        lambda a: srgb_to_linear(_encoded(a) ** 1.1),
+        lambda a: from_srgb(_encoded(a) ** 1.1),
         "clipped at 1, another gamma: to the power 1.1, sRGB-encoded",
     ),
     "a stop": (lambda a: 2 * a, "another exposure: x 2 (+1 EV)"),
@@ -95,7 +94,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     ),
     "clipped": (lambda a: np.minimum(a, 1), "clipped at 1,"),
     "8 bits": (
-        lambda a: srgb_to_linear(np.rint(_encoded(a) * 255) / 255),
+        lambda a: from_srgb(np.rint(_encoded(a) * 255) / 255),
         "clipped at 1, quantised to 8 bits",
     ),
     "8 bits, linear": (lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255, "quantised to 8 bits"),
@@ -233,9 +232,9 @@ _OF_INTEGERS = ["right", "left and down", "mirrored", "upside down", "turned", "
 def test_faults_of_integers_are_named(fault, dtype, tmp_path):
     change, words = FAULTS[fault]
     top = np.iinfo(dtype).max
-    stored = np.rint(linear_to_srgb(scene().clip(0, 1)) * top).astype(dtype)
+    stored = np.rint(to_srgb(scene().clip(0, 1)) * top).astype(dtype)
     if "stop" in fault or "darker" in fault:  # exposure is of light
-        spoiled = linear_to_srgb(np.clip(change(srgb_to_linear(stored / top)), 0, 1))
+        spoiled = to_srgb(np.clip(change(from_srgb(stored / top)), 0, 1))
     else:
         spoiled = change((stored / top).astype(np.float32))
     a = save(tmp_path / "a.png", stored)
@@ -247,7 +246,7 @@ def test_faults_of_integers_are_named(fault, dtype, tmp_path):
 
 
 def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path):
-    encoded = linear_to_srgb(scene().clip(0, 1))
+    encoded = to_srgb(scene().clip(0, 1))
     a = save(tmp_path / "a.png", np.rint(encoded * 65535).astype(np.uint16))
     b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
     record = compared(a, b)
@@ -256,7 +255,7 @@ def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path):
 
 
 def test_light_in_an_exr_and_in_a_png_are_compared_as_light(a, tmp_path):
-    encoded = linear_to_srgb(scene().clip(0, 1))
+    encoded = to_srgb(scene().clip(0, 1))
     b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
     record = compared(a, b)
     assert [finding.text for finding in record.findings] == [
@@ -379,7 +378,7 @@ def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path):
 
 @pytest.mark.parametrize(("samples", "other"), [("png", "tif"), ("png", "png16"), ("tif", "tiles")])
 def test_integers_written_in_another_way_are_the_same(samples, other, tmp_path):
-    values = (linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
+    values = (to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
     a = save(tmp_path / f"a.{samples}", values)
     ways = {
         "tif": lambda: save(tmp_path / "b.tif", values, Compression="lzw"),
@@ -426,7 +425,7 @@ def test_renders_by_another_fnumber_have_another_coc(tmp_path):
 
 
 def test_what_rounding_hides_is_too_small_to_name(tmp_path):
-    shown = np.rint(linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
+    shown = np.rint(to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
     steps = np.random.default_rng(2).random(shown.shape) < 0.2
     a = save(tmp_path / "a.png", shown.clip(1, 254))
     b = save(tmp_path / "b.png", shown.clip(1, 254) + steps)

@@ -3,11 +3,10 @@
 import numpy as np
 import planted_faults
 import pytest
-from image_files import save
+from image_files import save, to_srgb
 from planted_faults import planes, write_planes
 
 from defocus_core.compare.findings.table import is_place
-from defocus_core.io.images.color_space import linear_to_srgb
 
 SIZE = (120, 160)
 Y, X = np.indices(SIZE)
@@ -99,7 +98,7 @@ def test_few_pixels_give_no_name_by_chance(name, tmp_path):
         assert all(said in ("softer", "another CoC") for said in names(blurred)), (top, left)
         assert names(bright) == ["another exposure"]
         stored = [
-            save(tmp_path / file, np.rint(linear_to_srgb(side[cut].clip(0, 1)) * 255).astype("u1"))
+            save(tmp_path / file, np.rint(to_srgb(side[cut].clip(0, 1)) * 255).astype("u1"))
             for file, side in (("a.png", a), ("raised.png", a + 0.01))
         ]
         assert names(planted_faults.compared(*stored)) in ([], ["offset or contrast"])

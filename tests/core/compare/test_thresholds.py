@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 from command_line import write_exr
+from image_files import from_srgb
 from planted_faults import _bilateral, _jpeg, shot
 
+from defocus_core import UsageProblem, compare_images
 from defocus_core.compare import comparison
-from defocus_core.compare.comparison import compare_images
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules, matches, read_thresholds, rule
-from defocus_core.errors import UsageProblem
-from defocus_core.io.images.color_space import srgb_to_linear
 from defocus_core.request.quantities import QuantityError
 
 
@@ -160,7 +159,7 @@ def test_colours_that_are_invisible_do_not_fail_and_a_lost_alpha_does(changed, l
     [
         (lambda m: _jpeg(m.shown, 85), True),
         (lambda m: _jpeg(m.shown, 95, "4:4:4"), True),
-        (lambda m: srgb_to_linear(m.shown) ** (1 / 2.2), False),
+        (lambda m: from_srgb(m.shown) ** (1 / 2.2), False),
         (lambda m: np.where(np.add(*m.yx)[..., None] > 1.2, _bilateral(m.shown), m.shown), False),
         (lambda m: np.clip(m.shown * 1.02, 0, 1), False),
     ],

@@ -5,11 +5,11 @@ import math
 import pytest
 import torch
 from measures import inner, psnr
+from renderers import repair_of
 from scenes import RADII
 from torch.nn.functional import avg_pool2d, interpolate
 
 from defocus_core import DefocusLens
-from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import AVERAGED, without_ramps
 
 SIZE = (144, 200)
@@ -51,7 +51,7 @@ def sampled():
 
 
 def told(radius, infinity=INFINITY):
-    return diagnosed(radius, infinity, threads=1).antialiased
+    return repair_of(radius, infinity).antialiased
 
 
 def nowhere(radius):
@@ -74,7 +74,7 @@ def test_what_was_averaged_is_told(kind):
 
 def made_hard(radius):
     """Radii whose edges of averages are steps."""
-    slope = diagnosed(radius, INFINITY, threads=1).soft_edges
+    slope = repair_of(radius, INFINITY).soft_edges
     return without_ramps(radius, slope, AVERAGED)
 
 

@@ -3,12 +3,11 @@
 import pytest
 import torch
 from measures import worst
+from renderers import repair_of
 from synthetic_scenes import scenery
 
 from defocus_core import render
-from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.smoothing import without_noise
-from defocus_core.tensors.box import Box
 
 SIZE = (128, 192)
 
@@ -20,7 +19,7 @@ def scatter(amount, size=SIZE):
 
 
 def noise_of(radius):
-    return diagnosed(radius, None, threads=1).noise
+    return repair_of(radius).noise
 
 
 def card(radius=0.0, far=15.0):
@@ -114,5 +113,5 @@ def test_a_noisy_card_in_focus_has_no_holes(quality, amount):
     """Up to half of the ground's colour was seen within it."""
     image, radius = scene(card()), card() + scatter(amount)
     found = render(image, radius, quality=quality).render
-    inside = Box(27, 43, 74, 106)
-    assert worst(inside.crop(found), inside.crop(image)) < 0.06
+    inside = (..., slice(27, 101), slice(43, 149))
+    assert worst(found[inside], image[inside]) < 0.06

@@ -2,9 +2,9 @@
 
 import torch
 from measures import worst
+from renderers import repair_of
 
 from defocus_core import render
-from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.smoothing import without_terraces
 
 SIZE = (96, 144)
@@ -25,7 +25,7 @@ def in_levels(radius, count=LEVELS):
 
 
 def seen(radius):
-    return diagnosed(radius, None, threads=1).quantised
+    return repair_of(radius).quantised
 
 
 def cards():

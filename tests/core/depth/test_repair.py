@@ -6,13 +6,11 @@ Depth that a renderer wrote comes out as the same object; pictures of it do not 
 import pytest
 import torch
 from measures import worst
+from renderers import renderer_of
 from synthetic_scenes import scenery
 
 from defocus_core import DefocusLens, RandomDefocus, render, repair_depth
 from defocus_core.depth.repair import diagnose_depth
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
 SIZE, LARGE = (140, 190), (200, 260)
@@ -90,7 +88,7 @@ def test_a_channel_without_light_changes_nothing():
 
 def test_repair_off_diagnoses_nothing():
     for make in DAMAGED.values():
-        assert not any(Renderer(Surface(*make()), Settings(depth_repair="off")).repair)
+        assert not any(renderer_of(*make(), depth_repair="off").repair)
 
 
 def test_a_lens_takes_the_switch():

@@ -2,13 +2,11 @@
 
 import pytest
 import torch
+from renderers import renderer_of
 from synthetic_scenes import scenery
 from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core import render, repair_depth
-from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0
@@ -54,5 +52,5 @@ def test_the_width_is_that_of_most_edges():
     image, radius = scenery("cards", *SIZE, 24.0)
     around = pad(radius[None, None], (3, 3, 3, 3), mode="replicate")
     soft = avg_pool2d(around, 7, stride=1)[0, 0]
-    assert Renderer(Surface(image, soft)).repair.edge_width == pytest.approx(7, abs=1.5)
-    assert Renderer(Surface(image, radius)).repair == DepthRepair()
+    assert renderer_of(image, soft).repair.edge_width == pytest.approx(7, abs=1.5)
+    assert not any(renderer_of(image, radius).repair)

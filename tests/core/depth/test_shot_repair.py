@@ -1,13 +1,11 @@
 import math
 
 import torch
+from renderers import renderer_of
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.shot_repair import agreed_repair, repair_through
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 
 SIZE = (24, 32)
 
@@ -47,11 +45,11 @@ def test_soft_and_shifted_edges_scale_with_the_lens():
 def test_a_decided_repair_is_the_one_that_is_made():
     image, radius = texture(), noisy(1)
 
-    def rendered(settings):
-        tiles = Renderer(Surface(image, radius), settings).tiles()
+    def rendered(**settings):
+        tiles = renderer_of(image, radius, **settings).tiles()
         return torch.cat([part.render for part in tiles])
 
-    decided = rendered(Settings(decided=DepthRepair(noise=0.3)))
-    found, none = rendered(Settings()), rendered(Settings(decided=DepthRepair()))
-    assert torch.equal(none, rendered(Settings(depth_repair="off")))
+    decided = rendered(decided=DepthRepair(noise=0.3))
+    found, none = rendered(), rendered(decided=DepthRepair())
+    assert torch.equal(none, rendered(depth_repair="off"))
     assert (found - decided).abs().max() < 0.12 * (found - none).abs().max()

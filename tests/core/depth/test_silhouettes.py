@@ -3,10 +3,11 @@
 import pytest
 import torch
 from measures import worst
+from renderers import repair_of
 from scenes import RADII, pattern
 from torch.nn.functional import interpolate
 
-from defocus_core.depth.diagnosis import diagnosed
+from defocus_core import repair_depth
 from defocus_core.depth.displacement import (
     FARTHEST,
     EdgeShifts,
@@ -14,7 +15,6 @@ from defocus_core.depth.displacement import (
     with_shifted_edges,
 )
 from defocus_core.depth.ramps import slope_of_soft_edges, softness, steepness, without_ramps
-from defocus_core.depth.repair import repair_depth
 
 SIZE = (60, 96)
 MIDDLE = SIZE[1] // 2
@@ -163,7 +163,7 @@ def test_a_rim_is_of_the_nearer_surface(wide):
 
 
 def told(radius):
-    found = diagnosed(radius, None, threads=1)
+    found = repair_of(radius)
     slope = found.soft_edges if found.antialiased is None else None
     if slope is not None:
         assert slope == slope_of_soft_edges(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import ROUNDING, SUM
 
-from defocus_core.optics.aperture import Aperture
+from defocus_core import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 
 DISC = Aperture()

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from defocus_core import Aperture, PupilImage, render
-from defocus_core.optics.parts import LEFT
 
 CURVED = Aperture(5, 33.0, curvature=0.6)
 MIRROR = Aperture(obstruction=0.4)
@@ -142,7 +141,7 @@ def test_every_pupil_leaves_white_white_and_left_and_right_make_the_whole(pupil)
     views = render(
         torch.rand(1, 40, 44, generator=generator), radius, aperture=pupil, left_right=True
     )
-    share = float(pupil.fraction(LEFT))
+    share = float(pupil.fraction(pupil.parts(2)[0]))
     mean = share * views.left + (1 - share) * views.right
     assert (views.render - mean).abs().max() < 1e-6
 

@@ -5,13 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+from renderers import NEEDS_LOOPS
 
 import defocus_core as df
 from defocus_core.picture import plain_path
-from defocus_core.renderer.compiled.carried import available
 
 SIZE = 96, 128
-pytestmark = pytest.mark.skipif(not available(), reason="rendered by compiled loops")
+pytestmark = pytest.mark.skipif(**NEEDS_LOOPS)
 
 
 def scene():

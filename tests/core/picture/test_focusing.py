@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, refused, run
+from jobs_files import lens_values
 from refusals import refuses
 
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of
-from defocus_core.request.lens import LensValues
 
-LENS = LensValues(50.0, 2.0, 2000.0)
+LENS = lens_values()
 
 
 def depth_of(metres):

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jobs_files import lens_values
 
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_blur_reach
 from defocus_core.picture.radii import of_file, of_radii, radii_of
-from defocus_core.request.lens import LensValues
 
-LENS = LensValues(50.0, 2.0, 2000.0)
+LENS = lens_values()
 SCENE = np.geomspace(1.0, 40.0, 320 * 240).reshape(240, 320)  # m
 
 
@@ -27,7 +27,7 @@ def warnings(metres, lens=LENS, *, path="depth.exr", declared=False, **more):
 @pytest.mark.parametrize("foclen", [24.0, 50.0, 85.0])
 @pytest.mark.parametrize("focus", [1000.0, 2000.0, 8000.0, math.inf])
 def test_a_lens_focused_in_the_scene_or_at_infinity_is_not_doubted(foclen, focus):
-    assert not warnings(SCENE, LensValues(foclen, 2.0, focus))
+    assert not warnings(SCENE, lens_values(foclen, 2.0, focus))
 
 
 def test_sky_beside_what_is_in_focus_is_not_doubted():
@@ -47,7 +47,7 @@ def test_a_number_beyond_those_of_the_file_is_not_in_focus(number):
     numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
     depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
     lens = with_blur_reach(
-        LensValues(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth]
+        lens_values(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth]
     )
     radius, ends, *_ = radii_of(lens, depth)
     lines = list(of_radii(depth, radius, ends, lens, declared=True))
@@ -64,7 +64,7 @@ def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length():
 def test_a_blur_wider_than_the_picture_is_told():
     metres = SCENE.copy()
     metres[0, 0] = 0.06
-    (line,) = warnings(metres, LensValues(50.0, 1.0, 2000.0))
+    (line,) = warnings(metres, lens_values(50.0, 1.0, 2000.0))
     assert "wider than the picture" in line
     assert "depth goes from 60mm to 40m" in line
 

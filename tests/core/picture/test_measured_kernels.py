@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run
 
-from defocus_core.batch.datasets.finished import samples
+from defocus_core import samples
 
 SIZE = (48, 72)
 WIDE = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "3mm")

@@ -7,14 +7,13 @@ import threading
 import pytest
 import torch
 from command_line import color_exr, depth_exr, pair, ramp, refused, render, texture
+from jobs_files import job_of
 from refusals import refuses
 
 from defocus_core.batch import run_batch
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
 from defocus_core.system import memory
 
 SIZE = (70, 90)
@@ -26,9 +25,8 @@ def frames(tmp_path, size=SIZE):
 
 
 def job(tmp_path, limit, size=SIZE):
-    outputs, machine = Outputs(tmp_path / "out", ("render",)), Machine(memory=limit)
-    picture, lens = PictureFiles("c", *frames(tmp_path, size)), LensValues(50.0, 2.0, 2000.0)
-    return Job(picture, lens, Reading(), outputs, machine)
+    files = frames(tmp_path, size)
+    return job_of(*files, tmp_path / "out", name="c", machine={"memory": limit})
 
 
 def beyond_base(mb):

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from image_files import save
+from jobs_files import lens_values
 from refusals import refuses
 
 from defocus_core.picture import opening
 from defocus_core.picture.radii import color_offsets
-from defocus_core.request.lens import LensValues
 
 
 def test_a_picture_too_wide_for_a_pupil_is_not_decoded(tmp_path):
@@ -38,7 +38,7 @@ def test_an_array_of_no_possible_size_is_refused(tmp_path, recwarn):
 @pytest.mark.parametrize("size", [(300, 200), (640, 480)])
 def test_a_blur_in_px_has_the_rim_of_a_lens_of_50_mm_and_axial_colour_as_a_share(size):
     look = {"cat_eye": (1.05, 1.5), "axial_color": (0.05, -0.1)}
-    blur = LensValues(math.nan, math.nan, None, blur=40.0, **look)
-    lens = opening.cat_eye_of(LensValues(50.0, 1.4, 2000.0, cat_eye=(1.05, 1.5)), (300, 200))
+    blur = lens_values(math.nan, math.nan, None, blur=40.0, **look)
+    lens = opening.cat_eye_of(lens_values(50.0, 1.4, 2000.0, cat_eye=(1.05, 1.5)), (300, 200))
     assert opening.cat_eye_of(blur, size) == lens
     assert color_offsets(blur, size) == (-2.0, 4.0)

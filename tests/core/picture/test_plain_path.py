@@ -11,11 +11,10 @@ from pathlib import Path
 import pytest
 from command_line import color_exr, depth_exr
 from counting import calls
+from jobs_files import job_of
 
 from defocus_core.picture import plain_path, steps
 from defocus_core.picture.steps import table
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
 
 # What reads and writes files of other types than a plain EXR.
 OTHER_FILES = {
@@ -27,9 +26,8 @@ STEPS = [step for stage in STAGES for step in getattr(table, stage)]
 
 
 def job(folder, **lens):
-    picture = PictureFiles("a", color_exr(folder / "c.exr"), depth_exr(folder / "z.exr"))
-    outputs = Outputs(folder / "out")
-    return Job(picture, LensValues(50.0, 2.0, 2000.0, **lens), Reading(), outputs, Machine())
+    files = color_exr(folder / "c.exr"), depth_exr(folder / "z.exr")
+    return job_of(*files, folder / "out", **lens)
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 from command_line import LENS, files_under, pair, refused, run
+from jobs_files import job_of
 
 from defocus_core.errors import TooLarge
 from defocus_core.picture import memory_budget
 from defocus_core.renderer.engine import memory_bound
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
+from defocus_core.request.job import Machine
 from defocus_core.system import memory
 
 
@@ -24,10 +24,8 @@ def short(tmp_path, monkeypatch):
         memory_budget.limit_mb(Machine())  # kept for the tests that come later
         monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
         monkeypatch.setattr(memory_bound, "memory_bound", lambda _, threads: 1e6 * bound(threads))
-        color, depth = pair(tmp_path)
-        lens, outputs = LensValues(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
-        machine = Machine(threads=4, memory=limit)
-        return Job(PictureFiles("a", color, depth), lens, Reading(), outputs, machine)
+        machine = {"threads": 4, "memory": limit}
+        return job_of(*pair(tmp_path), tmp_path / "out", machine=machine)
 
     return made
 

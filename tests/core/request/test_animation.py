@@ -2,13 +2,12 @@ import math
 from pathlib import Path
 
 import pytest
+from jobs_files import option
 from refusals import refuses
 
-from defocus_core.errors import CALLER
 from defocus_core.request.animation import read_animation
 from defocus_core.request.job import PictureFiles
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.resolver import parsed
 
 
 def animation(folder, text, name="pull.csv"):
@@ -97,19 +96,13 @@ def test_one_option_is_animated_once(tmp_path):
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     shot = animation(tmp_path, "frame,focus,fnumber\n1,1m,2\n2,2m,2\n")
     picture = PictureFiles("a", Path("a.exr"), Path("b.exr"), frame=2)
-    own = {"focal-length": parsed("focal-length", "50mm", CALLER.with_field("focal-length"))}
+    own = {"focal-length": option("focal-length", "50mm")}
     lens, _ = PictureLenses(own, animation=shot).lens_of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
     for name in ("focus", "focus-at"):
         with refuses("contradiction", "pull.csv", field=name):
             PictureLenses(
-                {
-                    **own,
-                    name: parsed(
-                        name, "1,1" if name == "focus-at" else "1m", CALLER.with_field(name)
-                    ),
-                },
-                animation=shot,
+                {**own, name: option(name, "1,1" if name == "focus-at" else "1m")}, animation=shot
             )
     with refuses("idle-option", field="animate"):
         PictureLenses(own, animation=shot).lens_of(PictureFiles("a", *[Path("a.exr")] * 2))

@@ -2,11 +2,10 @@
 
 import math
 
-from jobs_files import FIXED, jobs, jobs_file, names, touch
+from jobs_files import FIXED, jobs, jobs_file, lens_values, names, touch
 
 from defocus_core.request.job import Machine, Outputs, Reading
 from defocus_core.request.jobs_file import read_batch
-from defocus_core.request.lens import LensValues
 
 
 def test_every_table_reaches_the_job(tmp_path):
@@ -27,7 +26,7 @@ quality = "high"
     outputs = Outputs(tmp_path / "o", overwrite=True)
     machine = Machine(device="cpu", threads=3)
     (job,) = read_batch(jobs_file(tmp_path, FIXED + text), outputs, machine).jobs
-    assert job.lens == LensValues(50.0, 2.0, 2000.0)
+    assert job.lens == lens_values()
     taken = {"depth_unit": "cm", "depth_channel": "Z", "color_layer": "beauty", "part": 1}
     assert job.reading == Reading(**taken, depth_repair="off")
     kinds = ("render", "coc")
@@ -50,9 +49,9 @@ def test_what_a_file_does_not_say_is_as_told(tmp_path):
 def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path):
     (tmp_path / "l.toml").write_text('focal-length = "85mm"\nfnumber = 2\nfocus = inf\n')
     text = '[lens]\nfile = "l.toml"\nfnumber = 4\n'
-    assert jobs(tmp_path, text)[0].lens == LensValues(85.0, 4.0, math.inf)
+    assert jobs(tmp_path, text)[0].lens == lens_values(85.0, 4.0, math.inf)
     text = '[lens]\nfile = "l.toml"\n[sweep]\nfocus = ["2m"]\n'
-    assert jobs(tmp_path, text)[0].lens == LensValues(85.0, 2.0, 2000.0)
+    assert jobs(tmp_path, text)[0].lens == lens_values(85.0, 2.0, 2000.0)
 
 
 def test_all_lenses_of_a_picture_follow_one_another(tmp_path):

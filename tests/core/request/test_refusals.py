@@ -1,17 +1,16 @@
 """What jobs files, lists, lens files and keys may not say: a row for each door and code."""
 
 import pytest
-from jobs_files import FIXED, LENS, jobs, touch
+from jobs_files import FIXED, LENS, jobs, option, touch
 from refusals import refuses_as
 
-from defocus_core.errors import CALLER
 from defocus_core.io.shots.key_files import read_keys
 from defocus_core.request.animation import read_animation
 from defocus_core.request.job import Machine, Outputs
 from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.pairing import find_pictures
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.resolver import parsed, refuse_contradiction
+from defocus_core.request.resolver import refuse_contradiction
 
 # The door, what it is given, where ¶ ends a line → code and key. Some words stand for long texts.
 LINES = """
@@ -130,7 +129,7 @@ def drawn(folder, text, table):
 
 def lens(folder, text):
     flags, _, said = text.partition("-" if text.startswith("-") else " -")
-    own = {n: parsed(n, v, CALLER.with_field(n)) for n, v in (f.split("=") for f in flags.split())}
+    own = {n: option(n, v) for n, v in (f.split("=") for f in flags.split())}
     refuse_contradiction(own)
     (folder / "lens.toml").write_text(said)
     assert PictureLenses(own, file=folder / "lens.toml").fixed

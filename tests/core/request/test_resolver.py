@@ -5,17 +5,16 @@ from pathlib import Path
 
 import pytest
 from elements import disc, element, write
+from jobs_files import lens_values, option
 from refusals import refuses
 
-from defocus_core.errors import CALLER, Place
+from defocus_core.errors import Place
 from defocus_core.request.job import PictureFiles, Reading
-from defocus_core.request.lens import LensValues
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
     ROWS,
     laid_over,
     layer_of,
-    parsed,
     reading_of,
     refuse_contradiction,
 )
@@ -26,11 +25,7 @@ TURNED = "blade-rotation = 30\n"
 
 
 def lens_of(flags, file):
-    own = {
-        name: parsed(name, text, CALLER.with_field(name))
-        for name, text in flags.items()
-        if text is not None
-    }
+    own = {name: option(name, text) for name, text in flags.items() if text is not None}
     refuse_contradiction(own)
     return PictureLenses(own, file=file).fixed
 
@@ -47,26 +42,26 @@ def lens_file(folder, text):
         (
             'focal-length = "5cm"\nfnumber = 2\nfocus = "2m"\nblades = 6\nblade-rotation = 15\n',
             {},
-            LensValues(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
+            lens_values(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
         ),
         (
             '\ufefffocal-length = "50mm"\n',
             {"fnumber": "2", "focus": "2m"},
-            LensValues(50.0, 2.0, 2e3),
+            lens_values(50.0, 2.0, 2e3),
         ),
         (
             'focal-length = "85mm"\nfnumber = 4\nfocus = inf\n',
             {"fnumber": "2"},
-            LensValues(85.0, 2.0, math.inf),
+            lens_values(85.0, 2.0, math.inf),
         ),
-        (OTHER_WAYS, {}, LensValues(50.0, 2.0, None, focus_at=(3, 4))),
-        (OTHER_WAYS, {"fnumber": "8", "focus": "1m"}, LensValues(50.0, 8.0, 1e3)),
+        (OTHER_WAYS, {}, lens_values(50.0, 2.0, None, focus_at=(3, 4))),
+        (OTHER_WAYS, {"fnumber": "8", "focus": "1m"}, lens_values(50.0, 8.0, 1e3)),
         (
             TURNED,
             {**FLAGS, "blades": "5"},
-            LensValues(50.0, 2.0, 2e3, blades=5, blade_rotation=30.0),
+            lens_values(50.0, 2.0, 2e3, blades=5, blade_rotation=30.0),
         ),
-        (f"blades = 6\n{TURNED}", {**FLAGS, "blades": "0"}, LensValues(50.0, 2.0, 2e3)),
+        (f"blades = 6\n{TURNED}", {**FLAGS, "blades": "0"}, lens_values(50.0, 2.0, 2e3)),
     ],
 )
 def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, lens, tmp_path):

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jobs_files import lens_values
 from refusals import refuses, refuses_as
 
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
 from defocus_core.request.splits import read_splits, with_recorded
 from defocus_core.request.toml_file import Table
 
@@ -29,7 +29,7 @@ def assigned(names, **values):
 
 def job(name, **values):
     asked = Outputs(Path("out"))
-    lens, (split,) = LensValues(50.0, 2.0, 2000.0), splits(picture(name), **values)
+    lens, (split,) = lens_values(), splits(picture(name), **values)
     return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
 
 

@@ -8,12 +8,10 @@ from functools import lru_cache
 
 import pytest
 import torch
+from renderers import renderer_of
 from synthetic_scenes import scenery
 
 from defocus_core import DefocusLens, RandomDefocus, render
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 
 
 @contextmanager
@@ -53,7 +51,7 @@ def test_the_callers_modes_do_not_change_a_picture(mode):
     image, radius, wanted = two_tiles()
     with mode:
         seen = pictures(render(image, radius, left_right=True, threads=2))
-        parts = list(Renderer(Surface(image, radius), Settings()).tiles())
+        parts = list(renderer_of(image, radius).tiles())
     assert torch.equal(seen, wanted)
     assert all(torch.equal(part.render, part.box.crop(wanted[:3])) for part in parts)
 

@@ -9,16 +9,15 @@ import pytest
 import torch
 from command_line import header, read_exr
 from command_line import run as run_command
+from image_files import to_srgb
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
 from records import pack, write_index
 from refusals import refuses
 
-from defocus_core import BatchDataset, decode_sample, run_batch
-from defocus_core.batch.datasets.finished import samples
+from defocus_core import BatchDataset, decode_sample, run_batch, samples
 from defocus_core.batch.datasets.sample_index import row_of
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.io.images.color_space import linear_to_srgb
 
 HIGH = '[machine]\nquality = "high"\n'
 
@@ -119,7 +118,7 @@ def read_by_torch(out):
     for split in ("train", "test"):
         for item in BatchDataset(out, split=split):
             light = item["render"].permute(1, 2, 0).numpy()
-            told = np.rint(255 * linear_to_srgb(light)).astype(np.uint8)
+            told = np.rint(255 * to_srgb(light)).astype(np.uint8)
             yield item["sample_id"], split, float(item["lens"]["fnum"]), told
 
 
@@ -140,7 +139,7 @@ def read_tars(rows):
         told = json.loads(row["json"]) if isinstance(row["json"], bytes) else row["json"]
         item = decode_sample(row)
         light = item["render"].permute(1, 2, 0).numpy()
-        picture = np.rint(255 * linear_to_srgb(light)).astype(np.uint8)
+        picture = np.rint(255 * to_srgb(light)).astype(np.uint8)
         assert torch.isfinite(item["coc"]).all()
         yield item["sample_id"], told["split"], float(item["lens"]["fnum"]), picture
 

@@ -5,14 +5,14 @@ import math
 import tracemalloc
 
 import pytest
+from jobs_files import lens_values
 from records import record, write_index
 from refusals import refuses
 
+from defocus_core import samples
 from defocus_core.batch.datasets import update
-from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.journal import Journal, journal_path
 from defocus_core.batch.journal.record import record_of
-from defocus_core.request.lens import LensValues
 
 
 def written(out, *records):
@@ -64,8 +64,8 @@ def test_the_index_reads_as_samples(tmp_path):
     far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf", "focus_at_px": [3, 4]}
     written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b", lens=far))
     first, second = samples(str(tmp_path))
-    assert first.lens == LensValues(50.0, 2.0, 2000.0)
-    assert second.lens == LensValues(50.0, 2.0, math.inf, focus_at=(3, 4))
+    assert first.lens == lens_values()
+    assert second.lens == lens_values(50.0, 2.0, math.inf, focus_at=(3, 4))
     assert first.files == {"render": tmp_path / "render/a.png", "coc": tmp_path / "coc/a.exr"}
     assert first.inputs["depth"] == tmp_path / "depth.exr"
     assert (first.size, first.coc_px, first.quality) == ((4, 3), (-1, 2.5), "high")

@@ -15,9 +15,8 @@ from depth_files import png
 from refusals import refuses
 from torch.utils.data import DataLoader
 
-from defocus_core import BatchDataset, decode_sample, run_batch
+from defocus_core import BatchDataset, decode_sample, run_batch, samples
 from defocus_core.batch.datasets import tar_shards
-from defocus_core.batch.datasets.finished import samples
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from defocus_core import InputError, UsageProblem
 from defocus_core.batch.journal.record import failure
-from defocus_core.errors import InputError, TooLarge, UsageProblem
+from defocus_core.errors import TooLarge
 from defocus_core.io.safe_files import unwritable
 
 HERE = Path("a.exr")

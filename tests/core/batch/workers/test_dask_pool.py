@@ -14,8 +14,8 @@ from command_line import refused, run
 from jobs_files import chunks_of
 from shots import pull
 
+from defocus_core import InputError
 from defocus_core.batch.workers import dask_pool
-from defocus_core.errors import InputError
 
 distributed = pytest.importorskip("distributed")
 

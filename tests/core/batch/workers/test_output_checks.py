@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-from jobs_files import touch
+from jobs_files import lens_values, touch
 from refusals import refuses
 
 from defocus_core.batch.workers.run import refuse_misplaced
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
 
-LENS = LensValues(50.0, 2.0, 2000.0)
+LENS = lens_values()
 
 
 def jobs_for(pictures, outputs):

@@ -7,15 +7,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from jobs_files import job_of
 
 from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import LensValues
 
 STEP = 0.03  # seconds
-LENS = LensValues(50.0, 2.0, 2000.0)
 
 
 class Steps:
@@ -70,8 +68,7 @@ def steps(monkeypatch):
 
 def jobs(names):
     for number, name in enumerate(names):
-        picture = PictureFiles(name, Path(name), Path(name))
-        yield number, Job(picture, LENS, Reading(), Outputs(Path("out")), Machine())
+        yield number, job_of(Path(name), Path(name), Path("out"), name=name)
 
 
 def test_the_next_is_read_and_the_last_is_written_while_one_is_computed(steps):
@@ -171,6 +168,5 @@ def test_jobs_of_one_picture_are_decoded_once(tmp_path, monkeypatch):
     monkeypatch.setattr(plain_path, "read", load)
     reader = pipeline.Reader()
     for name in "aaabba":
-        picture = PictureFiles(name, tmp_path / name, tmp_path / name)
-        reader.read(Job(picture, LENS, Reading(), Outputs(tmp_path), Machine()))
+        reader.read(job_of(tmp_path / name, tmp_path / name, tmp_path, name=name))
     assert decoded == ["a", "b", "a"]

@@ -11,8 +11,8 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
+from defocus_core import InputError
 from defocus_core.batch.workers.pool import Processes, dispatch
-from defocus_core.errors import InputError
 
 
 def results_of(chunks, processes=2, stopped=lambda done: False, serve=fake_worker.serve):

@@ -7,19 +7,11 @@ import pytest
 from image_files import box, multi_part, random_planes, save, write_window
 from refusals import refuses
 
-from defocus_core.errors import UsageProblem
-from defocus_core.io.depth_formats.depth import read_depth as read_any
-from defocus_core.io.depth_formats.depth import require_valid
+from defocus_core import UsageProblem, read_color, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
-from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.images.color import read_color
 
 INF = np.float32(np.inf)
-
-
-def read_depth(path, *, channel=None, part=None, unit=None):
-    return read_any(path, DepthReading(depth_channel=channel, part=part, depth_unit=unit))
 
 
 def plane(seed=0, shape=(5, 6)):
@@ -132,7 +124,7 @@ def test_the_largest_half_is_sky_in_half_channels_only(tmp_path):
 def test_depth_must_cover_the_picture(tmp_path):
     write_window(tmp_path / "a.exr", {"Z": plane(0, (3, 4))}, box(1, 1, 4, 3), box(0, 0, 5, 5))
     with refuses("invalid-depth", "in 24 pixels", "4x3 at 1,1"):
-        require_valid(read_depth(tmp_path / "a.exr"))
+        read_depth(tmp_path / "a.exr", invalid="error")
     overscan = plane(0, (8, 9))
     write_window(tmp_path / "b.exr", {"Z": overscan}, box(-1, -2, 7, 5), box(0, 0, 5, 3))
     np.testing.assert_array_equal(read_depth(tmp_path / "b.exr").metres, overscan[2:6, 1:7])

@@ -11,11 +11,11 @@ import OpenEXR
 import pytest
 from command_line import write_exr
 from depth_files import colmap, dpt, gdepth, npy, pfm, png
+from depth_reading import decoded
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 from refusals import refuses
 
-from defocus_core.io.depth_formats.depth import read_depth, require_valid
-from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core import read_depth
 from defocus_core.io.depth_formats.table import FORMATS
 
 INF, NAN = np.inf, np.nan
@@ -334,16 +334,11 @@ def test_every_format_has_an_example():
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
     example = EXAMPLES[name](tmp_path)
-    depth = read_depth(example.path, DepthReading(depth_format=name, **example.said))
+    depth = decoded(example.path, depth_format=name, **example.said)
     valid = ~np.isnan(example.metres)
     np.testing.assert_array_equal(depth.invalid, ~valid)
     np.testing.assert_allclose(depth.metres[:][valid], example.metres[valid], rtol=example.rtol)
     assert depth.metres.dtype == np.float32
-    if not valid.all():
-        with refuses("invalid-depth", "‹invalid› far", path=example.path):
-            require_valid(depth)
-    else:
-        require_valid(depth)
 
 
 @pytest.mark.parametrize(
@@ -362,6 +357,5 @@ def test_what_no_format_may_guess_is_asked_for(name, words, tmp_path):
     example = EXAMPLES[name](tmp_path)
     for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg", ".json")):
         sidecar.unlink()
-    reading = DepthReading(depth_format=name, part=example.said.get("part"))
     with refuses("missing-option", *words, field="depth-format", value=name):
-        read_depth(example.path, reading)
+        read_depth(example.path, format=name, part=example.said.get("part"))

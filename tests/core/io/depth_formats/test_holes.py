@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from depth_files import npy
+from depth_reading import decoded
 from refusals import refuses
 
-from defocus_core.io.depth_formats.depth import fill_from_farther, read_depth, require_valid
-from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.depth import fill_from_farther
 
 INF, NAN = np.inf, np.nan
 
@@ -39,18 +39,18 @@ def test_a_hole_takes_the_farther_of_its_neighbours(rows, filled):
 )
 def test_of_relative_disparity_the_farthest_number_is_far(invert, how, found, tmp_path):
     path = npy(tmp_path / "a.npy", [[3.0, NAN, 1.0], [INF, 2.0, 2.0], [NAN, -1.0, 0.0]])
-    reading = DepthReading(invalid=how, relative=True, invert=invert)
-    assert read_depth(path, reading).metres[:].tolist() == found
+    reading = {"invalid": how, "relative": True, "invert": invert}
+    assert decoded(path, **reading).metres[:].tolist() == found
     none = npy(tmp_path / "b.npy", [[NAN, NAN]])
     with refuses("invalid-depth", path=none):
-        read_depth(none, reading)
+        decoded(none, **reading)
 
 
 @pytest.mark.parametrize(("how", "value"), [("far", INF), ("fill", 3.0)])
 def test_replaced_pixels_are_counted_and_told(how, value, tmp_path):
     path = npy(tmp_path / "a.npy", [[3.0, 0.0], [NAN, 2.0]])
-    depth = read_depth(path, DepthReading(invalid=how))
-    require_valid(depth)
+    depth = decoded(path, invalid=how)
+    assert not depth.invalid.any()
     replaced = depth.metres[:][[0, 1], [1, 0]]
     assert replaced.tolist() == [value, 2.0 if how == "fill" else value]
     assert depth.replaced == 2

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 from depth_files import png
+from depth_reading import decoded
 from refusals import refuses
-
-from defocus_core.io.depth_formats.depth import read_depth
-from defocus_core.io.depth_formats.reading import DepthReading
 
 
 def numbers(size, *, zeros=0.0):
@@ -32,9 +30,9 @@ def test_a_likely_format_is_named(name, place, values, tmp_path):
     path.parent.mkdir(parents=True, exist_ok=True)
     png(path, values)
     with refuses("unknown-unit") as caught:
-        read_depth(path)
+        decoded(path)
     assert f"‹depth-format› {name}, or ‹depth-unit› mm" in caught.value.remedy
-    assert not np.isnan(read_depth(path, DepthReading(depth_unit="mm")).metres).any()
+    assert not np.isnan(decoded(path, depth_unit="mm").metres).any()
 
 
 @pytest.mark.parametrize(
@@ -50,5 +48,5 @@ def test_a_likely_format_is_named(name, place, values, tmp_path):
 )
 def test_millimetres_are_read(place, values, tmp_path):
     (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
-    read = read_depth(png(tmp_path / place, values))
+    read = decoded(png(tmp_path / place, values))
     np.testing.assert_allclose(read.metres, values / 1000, rtol=1e-6)

@@ -9,12 +9,10 @@ from counting import calls
 from image_files import multi_part, random_planes
 from refusals import refuses
 
-from defocus_core.io.depth_formats.exr_depth_channel import choose_depth_channel
-from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
-from defocus_core.io.exr.channel_choice import choose_color
+from defocus_core import read_depth
 from defocus_core.io.exr.header import MAGIC, MULTIPART, read_headers
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.io.images.color import _extras, read_color
+from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.raster import read_pages
 
@@ -55,12 +53,9 @@ def test_a_header_of_more_than_any_picture_has_is_refused(what, flags, header, t
 
 
 def read(path):
-    headers = read_headers(path)
     describe(path)
-    choose_color(path, headers, layer=None, part=0)
-    chosen = choose_depth_channel(path, headers, DepthReading(depth_channel="Z", part=0))
-    choose_depth_channel(path, headers[:1], AS_IT_IS)
-    _extras(read_parts(path, headers), chosen)
+    read_color(path, part=0)
+    read_depth(path, channel="Z", part=0)
 
 
 @pytest.mark.parametrize("of", ["channels", "parts"])

@@ -6,9 +6,9 @@ import pytest
 from image_files import SCANLINE, random_planes
 from refusals import refuses
 
+from defocus_core import read_color
 from defocus_core.io.exr.channel_choice import in_view, views_of
 from defocus_core.io.exr.header import read_headers
-from defocus_core.io.images.color import read_color
 
 # One part of two views, the default one right: plain channels are its own, disparity is no view's.
 ONE_PART = (

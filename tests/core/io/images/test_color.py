@@ -9,9 +9,10 @@ import pytest
 from image_files import multi_part, png_chunk, random_planes, raw_png, save, write_deep
 from refusals import refuses
 
+from defocus_core import read_color
 from defocus_core.io.exr.header import Raw
 from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.images.color import BRIGHTEST, Color, read_color, require_finite
+from defocus_core.io.images.color import BRIGHTEST, Color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.renderer.engine import scene
 

@@ -8,7 +8,7 @@ from command_line import depth_exr, header, render, run, texture
 from image_files import png_chunk, raw_png, save
 from refusals import refuses
 
-from defocus_core.io.images.color import read_color
+from defocus_core import read_color
 
 PHOTOGRAPH = (texture() * 255).astype(np.uint8)
 DEEP = (texture() * 65535).astype(np.uint16)

@@ -10,7 +10,7 @@ from elements import write
 from image_files import box
 from refusals import files_end_at, refuses
 
-from defocus_core.io.images.color import read_color
+from defocus_core import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.encode import FORMATS, write_image, write_map
 from defocus_core.io.images.primaries import primaries_attribute

@@ -16,8 +16,7 @@ import fuzzing
 import numpy as np
 import pytest
 
-from defocus_core.errors import InputError
-from defocus_core.io.images.color import read_color
+from defocus_core import InputError, read_color
 
 CASES = int(os.environ.get("DEFOCUS_FUZZ", "300"))
 SEED = int(os.environ.get("DEFOCUS_FUZZ_SEED", "0"))

@@ -10,9 +10,8 @@ import pytest
 from command_line import refused, render, run
 from image_files import SCANLINE, save
 
-from defocus_core.errors import InputError
+from defocus_core import InputError, read_color
 from defocus_core.io.exr.header import read_headers
-from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import (
     encoded_light,
     linear_light,

@@ -9,12 +9,10 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import WIDTH, ramp, run, texture
-from image_files import save
+from image_files import from_srgb, save
 from refusals import refuses
 
-from defocus_core.errors import InputError
-from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import srgb_to_linear
+from defocus_core import InputError, read_color
 from defocus_core.io.images.describe import describe
 
 THUMBNAIL = 1
@@ -47,7 +45,7 @@ def test_of_several_pages_one_is_chosen_by_number(tmp_path):
     with refuses("ambiguous", "3 pages", "‹part›", path=path):
         read_color(path)
     for number, page in enumerate(pages):
-        expected = srgb_to_linear(page / 255)
+        expected = from_srgb(page / 255)
         np.testing.assert_allclose(read_color(path, part=number).pixels, expected, rtol=1e-6)
     with refuses("no-such-part", "0 to 2", path=path):
         read_color(path, part=3)

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from refusals import refuses
 
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core import InputError, UsageProblem
 from defocus_core.io.shots.frame_patterns import (
     FrameChoice,
     chosen,

@@ -4,21 +4,15 @@ import numpy as np
 import pytest
 import torch
 from measures import worst
+from renderers import NEEDS_LOOPS, renderer_of
 
-from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.optics.parts import LEFT
-from defocus_core.renderer.compiled import carried
+from defocus_core import Aperture, DualPixel
 from defocus_core.renderer.compiled.alone import views_alone
 from defocus_core.renderer.compiled.openings import STEPS, opening
-from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 
-pytestmark = pytest.mark.skipif(
-    not carried.available(), reason="not on this system: Numba, for the compiled back"
-)
+pytestmark = pytest.mark.skipif(**NEEDS_LOOPS)
 SIZE = 48
 
 
@@ -38,7 +32,7 @@ def random_scene(seed):
 
 
 def views(image, radius, back, **options):
-    renderer = Renderer(Surface(image, radius), Settings(left_right=True, back=back, **options))
+    renderer = renderer_of(image, radius, left_right=True, back=back, **options)
     assert renderer.back == ("compiled" if back == "auto" else "torch")
     return renderer.picture()
 
@@ -140,7 +134,7 @@ def test_spans_of_an_opening_are_its_kernel_and_halves():
             kernel = aperture.kernel(torch.tensor(radius), len(px)).numpy()
             assert np.abs(drawn * rows.area[at] - kernel).sum() < 0.05
             assert rows.area[at] / rows.left_area[side, at] == pytest.approx(
-                aperture.fraction(LEFT), abs=0.005
+                aperture.fraction(aperture.parts(2)[0]), abs=0.005
             )
 
 
@@ -156,8 +150,7 @@ def test_pairs_that_the_compiled_back_does_not_carry_lie_about_its_centre():
     image, radius = card(-4.0, 4.0, 72)
     models = DualPixel(), DualPixel(model="smooth")
     alone, about = (
-        Renderer(Surface(image, radius), Settings(left_right=True, dual_pixel=model)).picture()
-        for model in models
+        renderer_of(image, radius, left_right=True, dual_pixel=model).picture() for model in models
     )
     assert torch.equal(alone.render, about.render)
     assert worst(about.left + about.right, 2 * about.render) < 1e-5
@@ -167,8 +160,9 @@ def test_pictures_that_loops_render_alone_are_those_of_the_renderer():
     settings, count = Settings(left_right=True), 0
     for seed in range(12):
         image, radius = random_scene(seed)
-        surface = Surface(image, radius * (1 if seed % 2 else 5))  # wide, too
-        alone, found = views_alone(surface, settings), Renderer(surface, settings).picture()
+        radius = radius * (1 if seed % 2 else 5)  # wide, too
+        alone = views_alone(Surface(image, radius), settings)
+        found = renderer_of(image, radius, left_right=True).picture()
         if alone is not None:
             count += 1
             assert max(worst(a, b) for a, b in zip(alone.images, found.images, strict=True)) < 1e-6
@@ -206,6 +200,6 @@ def test_depth_that_needs_repair_is_not_rendered_by_loops_alone(need):
     image, radius = card(-4.0, 4.0, 144, dark=0.3)
     settings = Settings()
     assert views_alone(Surface(image, radius), settings) is not None
-    surface = Surface(image, IN_NEED[need](radius))
-    assert Renderer(surface, settings).repair != DepthRepair()
-    assert views_alone(surface, settings) is None
+    radius = IN_NEED[need](radius)
+    assert any(renderer_of(image, radius).repair)
+    assert views_alone(Surface(image, radius), settings) is None

@@ -7,12 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from renderers import NEEDS_LOOPS
 
-from defocus_core.renderer.compiled import carried, kept
+from defocus_core.renderer.compiled import kept
 
-pytestmark = pytest.mark.skipif(
-    not carried.available(), reason="not on this system: Numba, for the compiled back"
-)
+pytestmark = pytest.mark.skipif(**NEEDS_LOOPS)
 
 
 # Prints how many types of arguments each function that Python calls was compiled for, after what is

@@ -6,7 +6,7 @@ from functools import cache
 import pytest
 import torch
 
-from defocus_core.optics.aperture import Aperture
+from defocus_core import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT
 from defocus_core.renderer.compositing.highlights import Highlights, draw
 from defocus_core.renderer.engine.survey import highlight_limit, surveyed

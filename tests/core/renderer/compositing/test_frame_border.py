@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 from measures import worst
+from renderers import QUALITIES
 
 from defocus_core import Aperture, render
-from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.compositing.sight import fraction_in_frame
 from defocus_core.tensors.box import Box
 

@@ -14,9 +14,7 @@ _PEAK = """
 import sys, torch
 from defocus_core.renderer.engine.memory_bound import memory_bound
 from synthetic_scenes import KINDS, scenery
-from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface
+from renderers import renderer_of
 from defocus_core.system import memory
 from peak_memory import peak_mb, reset_peak
 
@@ -25,16 +23,16 @@ memory.share_heap()
 def measured(case):
     kind, height, width, radius, quality, pair, threads, channels = case.split()
     threads, views = int(threads), pair == "pair"
-    settings = Settings(quality=quality, left_right=views, threads=threads)
+    options = dict(quality=quality, left_right=views, threads=threads)
     small = scenery(kind, 64, 96, 4.0)
-    for _ in Renderer(Surface(small[0], small[1]), settings).tiles():
+    for _ in renderer_of(small[0], small[1], **options).tiles():
         pass
     image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
     image = torch.cat([image, image])[: int(channels)]
     memory.trim()
     reset_peak()
     before = memory.held_mb()
-    renderer = Renderer(Surface(image, radii), settings)
+    renderer = renderer_of(image, radii, **options)
     bound = memory_bound(renderer, threads)
     for _ in renderer.tiles():
         pass

@@ -2,14 +2,11 @@
 
 import pytest
 import torch
+from renderers import renderer_of
 from synthetic_scenes import scenery
 from windows import KINDS, put_together, same
 
-from defocus_core import render
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Surface, with_hidden
-from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.layers.layer import HiddenLayer
+from defocus_core import HiddenLayer, render
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "focus"])
@@ -17,7 +14,7 @@ def test_a_renderer_is_the_rendering(kind):
     image, radius = scenery(kind, 450, 100, 6.0)
     whole = render(image, radius, left_right=True)
     for threads in (1, 3):
-        renderer = Renderer(Surface(image, radius), Settings(left_right=True, threads=threads))
+        renderer = renderer_of(image, radius, left_right=True, threads=threads)
         pictures = put_together(renderer)
         assert pictures.keys() == {*KINDS, "trust"}
         assert same(pictures, whole)
@@ -29,7 +26,7 @@ def test_a_known_layer_is_handed_out_in_regions_too():
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     whole = render(image, radius, hidden=known)
     assert not torch.equal(whole.render, render(image, radius).render)
-    renderer = Renderer(with_hidden(Surface(image, radius), known))
+    renderer = renderer_of(image, radius, hidden=known)
     assert same(put_together(renderer), whole)
 
 
@@ -50,7 +47,7 @@ def test_a_tile_sees_all_that_spreads_to_it(kind, quality):
 def test_the_caller_who_takes_a_region_keeps_gradients():
     """Also a caller who takes only the first region."""
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 3.0)
-    regions = Renderer(Surface(image, radius)).tiles()
+    regions = renderer_of(image, radius).tiles()
     next(regions)
     assert torch.is_grad_enabled()
     regions.close()

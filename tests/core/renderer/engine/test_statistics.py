@@ -2,8 +2,8 @@
 
 import pytest
 import torch
+from renderers import repair_of
 
-from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.renderer.engine.survey import needs_double, surveyed
 
 SIZE = (600, 24)
@@ -27,10 +27,10 @@ def test_the_steepest_step_is_seen_wherever_it_is(row):
 def test_a_soft_edge_is_seen_wherever_it_is(row):
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 4.0
-    assert not diagnosed(radius, None, threads=1).ramps
+    assert not repair_of(radius).ramps
     radius[row, 5::4] = 2.0  # in two steps
-    assert diagnosed(radius, None, threads=1).ramps
-    assert diagnosed(radius.T, None, threads=2).ramps
+    assert repair_of(radius).ramps
+    assert repair_of(radius.T, threads=2).ramps
 
 
 @pytest.mark.parametrize(("dark", "double"), [(1.1e-3, False), (0.9e-3, True)])

@@ -1,9 +1,9 @@
 import pytest
 import torch
 
+from defocus_core import render_layers
 from defocus_core.renderer.engine import region_layers
 from defocus_core.renderer.layers import samples
-from defocus_core.renderer.render import render_layers
 
 _KINDS = ("opaque", "thin", "ordered")
 

@@ -11,10 +11,9 @@ import pytest
 from browser import Page, chromium
 from command_line import color_exr, depth_exr, refused, run, texture
 from depth_files import png
-from image_files import save
+from image_files import save, to_srgb
 
-from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import linear_to_srgb
+from defocus_core import read_color
 from defocus_core.reports.html.focus_choice import focuses_of
 
 WIDTH, HEIGHT = 96, 64
@@ -82,7 +81,7 @@ def rendered(words, folder):
         ran = run(*words[1:], "--overwrite")
         assert ran.code == 0, ran.err
         pixels = read_color(Path(words[words.index("-o") + 1])).pixels
-    return linear_to_srgb(np.clip(pixels, 0, 1))
+    return to_srgb(np.clip(pixels, 0, 1))
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+from jobs_files import option
+
 from defocus_core.batch.journal.resume import settings
-from defocus_core.errors import CALLER
 from defocus_core.reports.html.focus_choice import render_words
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS
-from defocus_core.request.resolver import lens_of, parsed
+from defocus_core.request.resolver import lens_of
 
 LENS = {
     "focal-length": "51.2345678901mm",
@@ -31,7 +32,7 @@ LENS = {
 def command(texts, reading):
     """The words of the command of a picture taken by a lens of options."""
     picture = PictureFiles("a", Path("a.exr"), Path("a.exr"))
-    lens = lens_of({name: parsed(name, text, CALLER) for name, text in texts.items()})
+    lens = lens_of({name: option(name, text) for name, text in texts.items()})
     job = Job(picture, lens, reading, Outputs(Path()), Machine())
     asked = settings(job)
     exact = {key: value for key, value in asked["lens"].items() if key in EFFECT_OPTIONS}
