@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import read_exr, run
-from image_files import save
+from image_files import save, to_srgb
 
 REAL = Path(__file__).parents[4] / "shared" / "real"
 # Files, their meaning, a lens, the share of pixels beyond the reach of lights, and of those that
@@ -27,13 +27,6 @@ PHOTOGRAPHS = {
 }
 
 
-def encoded(planes):
-    """sRGB [3, H, W] in levels of 8 bits, not rounded."""
-    linear = np.stack([planes[name] for name in "RGB"]).astype(np.float32).clip(0, 1)
-    low = linear <= 0.0031308
-    return 255 * np.where(low, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
 @pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/real")
 @pytest.mark.parametrize("name", ["hall", pytest.param("street", marks=pytest.mark.bench)])
 def test_nothing_changes_beyond_the_reach_of_lights(tmp_path, name):
@@ -46,7 +39,10 @@ def test_nothing_changes_beyond_the_reach_of_lights(tmp_path, name):
         ran = run("render", color, depth, *kind, *lens, *out)
         assert ran.code == 0, ran.err
         (file,) = (tmp_path / word / "render").glob("*.exr")
-        found[word] = encoded(read_exr(file))
+        planes = read_exr(file)
+        found[word] = 255 * to_srgb(
+            np.stack([planes[name] for name in "RGB"]).clip(0, 1).astype(np.float32)
+        )
     record = json.loads((tmp_path / "auto/journal.jsonl").read_text().splitlines()[-1])
     assert int(record["color_note"].split(", ")[-1].split()[0]) > 50
     apart = np.abs(found["auto"] - found["off"]).max(0)

@@ -98,6 +98,8 @@ keys.csv frame,focus,focus ¶ 1,1m,1m ¶ → duplicate line 1
 keys.csv frame,focus ¶ 1,1m ¶ 1,2m ¶ → duplicate focus
 keys.csv \0 → wrong-type
 keys.csv many → too-large
+keys.csv frame,x,y,focus-at ¶ 1,3,4,"5,6" ¶ → contradiction focus-at
+keys.txt 1001 1.5 ¶ → wrong-type
 keys.chan 1 0 0 0 0 0 0 ¶ → wrong-type
 animated.csv frame,fokus ¶ 1,1m ¶ → unknown-name fokus
 animated.csv frame,focus ¶ 1,none ¶ → malformed focus

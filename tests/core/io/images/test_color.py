@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from image_files import multi_part, png_chunk, random_planes, raw_png, save, write_deep
+from image_files import from_srgb, multi_part, png_chunk, random_planes, raw_png, save, write_deep
 from refusals import refuses
 
 from defocus_core import read_color
@@ -17,12 +17,6 @@ from defocus_core.io.images.describe import describe
 from defocus_core.renderer.engine import scene
 
 SHAPE = (6, 7)
-
-
-def srgb(encoded):
-    """IEC 61966-2-1, written as in the standard."""
-    encoded = np.asarray(encoded, np.float64)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def integers(bits, channels):
@@ -51,7 +45,7 @@ def test_integers_are_srgb_and_alpha_is_multiplied_in_linear_light(
     samples[0, 0, -1] = 0
     color = read_color(save(tmp_path / f"a.{suffix}", samples))
     shares = samples / top
-    light = srgb(shares)
+    light = from_srgb(shares)
     if "A" in channels:
         alpha = shares[..., -1:]
         light = np.concatenate([light[..., :-1] * alpha, alpha], axis=2)
@@ -110,7 +104,7 @@ def test_a_photograph_comes_upright(tmp_path, turn, shape):
     }[turn]
     stored = np.ascontiguousarray(undo(upright))
     path = save(tmp_path / "a.tif", stored, Orientation=turn)
-    np.testing.assert_allclose(read_color(path).pixels, srgb(upright / 255), rtol=1e-6)
+    np.testing.assert_allclose(read_color(path).pixels, from_srgb(upright / 255), rtol=1e-6)
     assert (describe(path).height, describe(path).width) == shape
 
 

@@ -19,22 +19,6 @@ def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path):
     }
 
 
-def test_a_file_of_another_kind_or_none_is_refused(tmp_path):
+def test_a_file_that_is_not_there_is_refused(tmp_path):
     with refuses("not-found", path=tmp_path / "none.csv"):
         read_keys(tmp_path / "none.csv")
-    with refuses("wrong-type", path=tmp_path / "pull.txt"):
-        texts(tmp_path, "pull.txt", "1001 1.5\n")
-
-
-def test_more_lines_than_a_shot_has_are_refused(tmp_path):
-    """A million took 17 s, with their lens at each frame."""
-    lines = "".join(f"{frame},2m\n" for frame in range(2**17))
-    with refuses("too-large", path=tmp_path / "a.csv"):
-        texts(tmp_path, "a.csv", f"frame,focus\n{lines}")
-
-
-def test_a_pixel_and_its_columns_contradict_each_other(tmp_path):
-    file = tmp_path / "pull.csv"
-    file.write_text("frame,x,y,focus-at\n1,3,4,5,6\n".replace("5,6", '"5,6"'))
-    with refuses("contradiction", field="focus-at"):
-        read_keys(file)
