@@ -87,9 +87,9 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
         if progress is not None:
             progress(1, 1)
         return _rendered(take, images, views.stats, "compiled", begun)
+    set_to_render()
     import torch
 
-    set_to_render()
     images, limit = _Images(take), limit_mb(job.machine)
     surfaces = surfaces_of(take)
     passes = passes_of(surfaces)
