@@ -34,15 +34,15 @@ from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round
 
 # Range of radius in px, within 3 px of each other, that matters.
-_MATTERS = off_round(1.0)
+MATTERS = off_round(1.0)
 # Px around an edge in which both surfaces are seen.
 _BESIDE = 3
 # The share that 3 px span on an edge; the place on an edge, from either end, from which
 # a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
-_ABRUPT, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
+ABRUPT, AVERAGE, FLAT = 0.5, 0.1, 0.1
 # Least number of averages: at all, for each hard step, for each pixel on a wide edge, and for each
 # pixel on a soft one.
-_MINIMUM, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
+FEWEST, EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
 
 
 def averages(band: Tensor, rows: tuple[int, int], infinity: float | None) -> Tensor:
@@ -61,7 +61,7 @@ def averages(band: Tensor, rows: tuple[int, int], infinity: float | None) -> Ten
     for quantity, limit in enumerate((math.inf, infinity)):
         if limit is not None:
             before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
-            hard = torch.maximum(before, after) < _LEVEL * step
+            hard = torch.maximum(before, after) < FLAT * step
             position, average, wide = _on_edges(_as_averaged(radii, limit))
             each = torch.stack([average.to(position), position * average, wide.to(position)], 1)
             counts[quantity, :3] = each.sum(0, dtype=torch.float64)
@@ -77,7 +77,7 @@ def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tenso
             shift = before if dim == -2 else 0
             runs = band.unfold(dim, width, 1)[max(rows[0] - shift, 0) : max(rows[1] - shift, 0)]
             first, last = runs[..., ends].unbind(-1)
-            index = flat_nonzero(exceeding((last - first).abs_(), _MATTERS))
+            index = flat_nonzero(exceeding((last - first).abs_(), MATTERS))
             row = index.div(max(runs.shape[1], 1), rounding_mode="floor")
             every.append(runs[row, index - row * runs.shape[1]])
     return torch.cat(every)
@@ -92,12 +92,12 @@ def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) 
     are mostly hard or soft.
     """
     maximum, _, wide, _ = max(counts)
-    if maximum <= max(_WIDER * wide, _MINIMUM, _SOFTER * soft):
+    if maximum <= max(_WIDER * wide, FEWEST, _SOFTER * soft):
         return None
     off_middle = [
         (abs(position / count - 0.5), limit)
         for (count, position, _, hard), limit in zip(counts, (math.inf, infinity), strict=True)
-        if count > _EACH * hard
+        if count > EACH * hard
     ]
     return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
 
@@ -119,12 +119,12 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     )
     within, size, whole = (limits.max - limits.min for limits in (close, near, all_seven))
     position = (values[:, _BESIDE] - near.min) / torch.where(size > 0, size, 1.0)
-    step, level = values.diff(dim=1), _LEVEL * whole
+    step, level = values.diff(dim=1), FLAT * whole
     minimum, maximum = torch.aminmax(step[:, 1:-1], dim=1)
-    on_edge = (position > _AVERAGE) & (position < 1 - _AVERAGE)
+    on_edge = (position > AVERAGE) & (position < 1 - AVERAGE)
     on_edge &= (minimum >= -level) | (maximum <= level)
     on_edge &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
-    abrupt = within > _ABRUPT * whole
+    abrupt = within > ABRUPT * whole
     return position, on_edge & abrupt, on_edge & ~abrupt
 
 
@@ -139,7 +139,7 @@ _PER_PX = 10
 # Slope of an edge of averages, as a share of that of a soft edge.
 _AVERAGED = 0.4
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
-_RARE = 16
+RARE = 16
 # Rows above and below a band that are evidence for it.
 _AROUND = 3
 
@@ -302,7 +302,7 @@ def _repair(
     if antialiased is not None:
         soft_edges = max(MINIMUM, _AVERAGED * slope)
     # a few ramps among many hard edges are surfaces that are seen between two others
-    has_ramps = ramps > 0 and int(hard_steps(signed_radius.detach(), STEEP)) <= _RARE * ramps
+    has_ramps = ramps > 0 and int(hard_steps(signed_radius.detach(), STEEP)) <= RARE * ramps
     return DepthRepair(
         antialiased=antialiased,
         ramps=softest > STEEP or has_ramps,

@@ -39,10 +39,10 @@ from defocus_core.tensors.threads import threaded
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
 # sampled, which is the displacement that a profile shows for certain, and the greatest cost of one;
 # and over how many px.
-FARTHEST, DEEPEST, _SPAN = 8, 6, 5
+FARTHEST, DEEPEST, SPAN = 8, 6, 5
 # Reach of a profile across a silhouette, in px to both sides: beyond the samples as many px show
 # whether a surface goes on in their colours.
-REACH = DEEPEST + 2 * _SPAN + 1
+REACH = DEEPEST + 2 * SPAN + 1
 # Half width in px of the square around a pixel in which the normal is found; half of it is the
 # standard deviation of the weights there.
 NORMAL = 3
@@ -50,12 +50,12 @@ NORMAL = 3
 _BRIGHTEST = 1e30
 # Least deviation of the colours of a surface, as a share of their mean; how many times wider they
 # vary than the few samples of one profile do.
-_DEVIATION, _WIDER = 0.04, 4.8
+DEVIATION, WIDER = 0.04, 4.8
 # Logarithm of the density of other colours on a surface, in least deviations; by how much it is
 # greater on the nearer one, whose rims differ, while the farther one goes on unchanged behind it.
-_OTHER, _RIM = -13.66, 2.5
+OTHER, _RIM = -13.66, 2.5
 # Difference of logarithms that is sure.
-_SURE = 4.0
+SURE = 4.0
 # How well colours tell px apart that were not sampled, 1 for all, from where on they decide at all
 # and in full: those of a picture, and those of a silhouette.
 _OF_PICTURE, _OF_SILHOUETTE = (0.5, 0.65), (0.2, 0.5)
@@ -63,7 +63,7 @@ _OF_PICTURE, _OF_SILHOUETTE = (0.5, 0.65), (0.2, 0.5)
 _ROUNDS = 24
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
-_SPREAD = 0.15
+SPREAD = 0.15
 # Rounds of averaging that give what is expected of a place; the cost of a px² by which a
 # displacement differs from it by more than so many px; and the variance of one that is certain.
 _LONG, _STIFF, _FREE, _CERTAIN = 60, 1.0, 1.0, 0.5
@@ -71,9 +71,9 @@ _LONG, _STIFF, _FREE, _CERTAIN = 60, 1.0, 1.0, 0.5
 _GRAINS = 1 << 8
 # Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
 # displacement's votes that count for those a px beside it.
-_RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
+RARITY, COARSE, BESIDE = 1.2, 0.05, 0.25
 # Displacement in px that is expected before colours are known; rounds in which votes are counted.
-_BEFORE, _MAXIMIZATIONS = 3.0, 3
+BEFORE, MAXIMIZATIONS = 3.0, 3
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # A picture of hard edges is shifted if the median displacement is so many px, and if such a share
@@ -153,11 +153,11 @@ def shifts_of(found: ShiftEvidence, step: float) -> tuple[EdgeShifts, float]:
     `step`: least step in px of an edge.
     """
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
-    votes = before = torch.exp(by.abs().double() / -_BEFORE)
+    votes = before = torch.exp(by.abs().double() / -BEFORE)
     trust = _trust(found.told.sum(0, dtype=torch.float64), _OF_PICTURE)
     weight = found.fraction * _trust(found.told, _OF_SILHOUETTE) * trust
-    for _ in range(_MAXIMIZATIONS):
-        likely = ((found.costs + _rarity(votes)) / -_SPREAD).softmax(1)
+    for _ in range(MAXIMIZATIONS):
+        likely = ((found.costs + _rarity(votes)) / -SPREAD).softmax(1)
         votes = before + (likely * weight).sum(0, dtype=torch.float64)
     *each, trusted = torch.cat([votes, trust]).tolist()
     below, half = list(accumulate(each)), sum(each) / 2
@@ -172,9 +172,9 @@ def _rarity(votes: Tensor) -> Tensor:
     """The cost in px [2 * FARTHEST + 1] of each displacement, by its votes."""
     fraction = votes / votes.sum()
     limits = torch.cat([fraction[:1], fraction, fraction[-1:]])
-    fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[:-2] + limits[2:])
-    rarity = -_RARITY * (fraction + 0.01).log()
-    return ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
+    fraction = (1 - 2 * BESIDE) * fraction + BESIDE * (limits[:-2] + limits[2:])
+    rarity = -RARITY * (fraction + 0.01).log()
+    return ((rarity - rarity.amin()) / COARSE).round() * COARSE
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
@@ -283,13 +283,13 @@ def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
     """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device, dtype=torch.float64)
     costs = found.costs * shifts.trust + sent(shifts.rarity, found.costs)
-    likely = (costs / -_SPREAD).softmax(1)
+    likely = (costs / -SPREAD).softmax(1)
     mean = (likely * by).sum(1, keepdim=True)
     weight = 1 / ((likely * (by - mean).square()).sum(1, keepdim=True) + _CERTAIN)
     total, weighted = _averaged(torch.cat([weight, weight * mean], 1), found.beside, _LONG).T
     apart = (by - (weighted / total)[:, None]).abs()
     costs = costs + _STIFF * (apart - _FREE).clamp(min=0).square()
-    likely = (costs / -_SPREAD).softmax(1)
+    likely = (costs / -SPREAD).softmax(1)
     shift: Tensor = ((likely * by).sum(1) * _GRAINS).round() / _GRAINS
     return shift
 
@@ -434,7 +434,7 @@ class _Profiles(NamedTuple):
             (-1, 1), self.depths(), (self.inwards, self.outwards), strict=True
         ):
             from_edge = side * _profile_offsets(depth)
-            deepest = torch.minimum(depth + _SPAN, torch.maximum(count - 1.0, depth))[:, None]
+            deepest = torch.minimum(depth + SPAN, torch.maximum(count - 1.0, depth))[:, None]
             sampled = (from_edge >= depth[:, None] - 0.5) & (from_edge <= deepest + 0.5)
             yield sampled, (from_edge > deepest + 0.5) & (from_edge < count[:, None])
 
@@ -500,17 +500,17 @@ def _nearer(
     for side, mean in zip(sides, means, strict=True):
         square = side[:, 1 + C :].view(-1, C, C) / side[:, :1, None].clamp(min=1e-9)
         spread = square - mean[:, :, None] * mean[:, None, :]
-        spread = spread * (_WIDER if alone else 1.0) / scale.square()[:, None, None]
-        spread = spread + _DEVIATION**2 * torch.eye(C, dtype=color.dtype, device=color.device)
+        spread = spread * (WIDER if alone else 1.0) / scale.square()[:, None, None]
+        spread = spread + DEVIATION**2 * torch.eye(C, dtype=color.dtype, device=color.device)
         root = torch.linalg.cholesky_ex(spread).L
         off = (color.transpose(0, 1) - mean[:, :, None]) / scale[:, None, None]  # [n, C, ...]
         off = torch.linalg.solve_triangular(root, off, upper=False)
         # in least deviations, so that a channel without light changes nothing
-        volume = (root.diagonal(dim1=1, dim2=2) / _DEVIATION).log().sum(1, keepdim=True)
+        volume = (root.diagonal(dim1=1, dim2=2) / DEVIATION).log().sum(1, keepdim=True)
         likely.append(off.square().sum(1) / -2 - volume)
-    near, far = sent([_OTHER + rims * _RIM, _OTHER], color)
+    near, far = sent([OTHER + rims * _RIM, OTHER], color)
     nearer = torch.logaddexp(likely[0], near) - torch.logaddexp(likely[1], far)
-    return (nearer / _SURE).nan_to_num().clamp(-1, 1)
+    return (nearer / SURE).nan_to_num().clamp(-1, 1)
 
 
 def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:

@@ -32,7 +32,7 @@ from defocus_core.tensors.validation import Scalar
 STEEP = off_round(1.5)
 # No surface goes through the range of radii of a frame within so many px, or within such a share of
 # the frame's shorter side; and the least slope of a soft edge, in px per px.
-_WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, off_round(0.15)
+WITHIN, WITHIN_FRACTION, MINIMUM = 60, 1 / 4, off_round(0.15)
 # Least step of a hard edge, as a multiple of this slope; the greatest slope beside it, and the
 # least step within 8 px of it that is no foot of a ramp, as a share of the step.
 HARD_STEP, LEVEL = off_round(2.0), off_round(0.25)
@@ -232,7 +232,7 @@ def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> 
     `minimum`: least radius in px; `maximum`: greatest radius in px; `size`: (height, width) of the
     frame.
     """
-    within = min(_WITHIN, _WITHIN_FRACTION * min(size))
+    within = min(WITHIN, WITHIN_FRACTION * min(size))
     return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
 
 

@@ -21,10 +21,10 @@ from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero, masked_
 from defocus_core.tensors.ties import off_round
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
-_STEP, _TOGETHER = off_round(2.5), 0.5
+STEP, TOGETHER = off_round(2.5), 0.5
 # Least distance in px of a noisy pixel from the mean of its neighbours, and the least share of such
 # pixels in a noisy frame: two thirds stick out where everything is noise.
-_MINIMUM, _FRACTION = off_round(0.02), 0.1
+SCATTER, FRACTION = off_round(0.02), 0.1
 # Number of intervals of the histogram of these distances, evenly spaced in the logarithm.
 _INTERVALS = 48
 # Median distance from the mean of two neighbours, in standard deviations of the noise.
@@ -66,7 +66,7 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     ]
     before, after = (torch.cat(both) for both in zip(*pairs, strict=True))
     limits = _interval_limits().to(before)
-    far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
+    far = exceeding(torch.maximum(before.abs(), after.abs()), STEP)
     apart = torch.count_nonzero(far)
     beyond = torch.mul(before, after).clamp_(max=0).bool() & ~far
     off = ((masked_values(after, beyond) - masked_values(before, beyond)).abs_() / 2).flatten()
@@ -83,16 +83,16 @@ def noise_from(counts: list[int]) -> float | None:
     """
     apart, alike, *noisy = counts
     together = alike + sum(noisy)
-    if together <= _TOGETHER * (apart + together) or sum(noisy) <= _FRACTION * together:
+    if together <= TOGETHER * (apart + together) or sum(noisy) <= FRACTION * together:
         return None
     half = sum(1 for count in accumulate(noisy) if 2 * count < sum(noisy))  # where the median is
-    half = min(half, _INTERVALS - 1)  # a distance of just _STEP, and NaN, are beyond the intervals
+    half = min(half, _INTERVALS - 1)  # a distance of just STEP, and NaN, are beyond the intervals
     limits = _interval_limits()
     return math.sqrt(float(limits[half]) * float(limits[half + 1])) / _MEDIAN
 
 
 def _interval_limits() -> Tensor:
-    return torch.logspace(math.log10(_MINIMUM), math.log10(_STEP), _INTERVALS + 1)
+    return torch.logspace(math.log10(SCATTER), math.log10(STEP), _INTERVALS + 1)
 
 
 def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
@@ -128,10 +128,10 @@ def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
 # least share within one surface, and the least share of these with a step that matters; and the
 # bounds on the number of different radii.
-_ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
-_FEW, _MANY = 32, 256
+ALIKE, SMALL, MATTERS = 0.5, 0.5, 0.03
+FEW, _MANY = 32, 256
 # Least and greatest step in px between terraces.
-_LEAST, _MOST = off_round(0.2), off_round(1.0)
+LEAST, MOST = off_round(0.2), off_round(1.0)
 
 
 def steps_of(sizes: list[Tensor]) -> Tensor:
@@ -143,7 +143,7 @@ def steps_of(sizes: list[Tensor]) -> Tensor:
     larger = [
         torch.count_nonzero(exceeding(size, bound))
         for size in sizes
-        for bound in (0.0, _LEAST, _MOST)
+        for bound in (0.0, LEAST, MOST)
     ]
     counts = (
         torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4).to(sizes[0].device)
@@ -158,12 +158,12 @@ def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
     `signed_radius`: [H, W] px of the frame.
     """
     for count, same, minimum, small in steps:
-        if same <= _ALIKE * count:
+        if same <= ALIKE * count:
             return False
-        if small - same <= _SMALL * (count - same) or small - minimum <= _MATTERS * (count - same):
+        if small - same <= SMALL * (count - same) or small - minimum <= MATTERS * (count - same):
             return False
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
-    return _FEW < len(_levels(signed_radius.detach().to(dtype))) <= _MANY
+    return FEW < len(_levels(signed_radius.detach().to(dtype))) <= _MANY
 
 
 def _levels(rows: Tensor) -> Tensor:
@@ -181,7 +181,7 @@ def _levels(rows: Tensor) -> Tensor:
 
 def without_terraces(signed_radius: Tensor) -> Tensor:
     """Radii [H, W] px with slopes in the place of small steps."""
-    radii, maximum = signed_radius, torch.full_like(signed_radius, _MOST)
+    radii, maximum = signed_radius, torch.full_like(signed_radius, MOST)
     for _ in range(_ROUNDS):
         radii, _ = _smoothed(radii, maximum)
     return radii

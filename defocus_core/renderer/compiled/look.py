@@ -1,7 +1,7 @@
 """Whether the depth of a picture needs no repair, and the bounds of its radii, in compiled passes.
 
 The tests are those of `engine/survey.py`, `depth/diagnosis.py` and `depth/smoothing.py`, with the
-same names of constants. Where a test is in doubt, those modules decide.
+same constants. Where a test is in doubt, those modules decide.
 """
 
 from __future__ import annotations
@@ -10,19 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from defocus_core.depth.ramps import HARD_STEP, INFINITE, MINIMUM, STEEP
+from defocus_core.depth import diagnosis, ramps, smoothing
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.engine.settings import BRIGHTER
-from defocus_core.tensors.ties import off_round
+from defocus_core.renderer.engine import limits
 
 F32 = np.float32
-_GREATEST, _BRIGHTEST = 1e8, 1e30
-_ORDINARY, _RANGE, _SQUARED, _BLACK = 0.995, 1e3, 1e15, 9.2e-41
-_STEP, _TOGETHER, _OFF, _FRACTION = off_round(2.5), 0.5, off_round(0.02), 0.1
-_MATTERS, _ABRUPT, _AVERAGE, _LEVEL, _AVERAGES = off_round(1.0), 0.5, 0.1, 0.1, 64
-_ALIKE, _SMALL, _SMALL_MATTERS, _LEAST, _MOST = 0.5, 0.5, 0.03, off_round(0.2), off_round(1.0)
-_FEW = 32
-_WITHIN, _WITHIN_FRACTION = 60, 0.25
+# Light below this one counts as black.
+_BLACK = 9.2e-41
 
 
 class DepthLook(NamedTuple):
@@ -48,19 +42,19 @@ def look_at_depth(radius, infinity, by):
         for x in range(width):
             r = radius[y, x]
             least, most = min(least, r), max(most, r)
-            usable &= abs(r) <= F32(_GREATEST)
+            usable &= abs(r) <= F32(limits.GREATEST_PX)
             if x:
                 step = max(step, abs(r - radius[y, x - 1]))
             if y:
                 step = max(step, abs(r - radius[y - 1, x]))
-    within = min(_WITHIN, _WITHIN_FRACTION * min(height, width))
-    small = min(_WITHIN, _WITHIN_FRACTION * min(height // by, width // by))
-    steep = min(STEEP, max(MINIMUM, (most - least) / within))
-    of_small = min(STEEP, max(MINIMUM, (most - least) / by / small))
+    within = min(ramps.WITHIN, ramps.WITHIN_FRACTION * min(height, width))
+    small = min(ramps.WITHIN, ramps.WITHIN_FRACTION * min(height // by, width // by))
+    steep = min(ramps.STEEP, max(ramps.MINIMUM, (most - least) / within))
+    of_small = min(ramps.STEEP, max(ramps.MINIMUM, (most - least) / by / small))
     clean = usable and not _is_noisy(radius) and not _is_quantised(radius)
-    clean = clean and (step <= MINIMUM or _has_no_ramps(radius, min(steep, of_small)))
-    clean = clean and (step <= _MATTERS / 6 or _are_no_averages(radius, infinity))
-    return (least, most), step, usable, clean, HARD_STEP * steep
+    clean = clean and (step <= ramps.MINIMUM or _has_no_ramps(radius, min(steep, of_small)))
+    clean = clean and (step <= diagnosis.MATTERS / 6 or _are_no_averages(radius, infinity))
+    return (least, most), step, usable, clean, ramps.HARD_STEP * steep
 
 
 @entry
@@ -76,7 +70,7 @@ def look_at_light(image):
             for x in range(image.shape[2]):
                 v = image[c, y, x]
                 least, most = min(least, v), max(most, v)
-                finite &= abs(v) <= F32(_BRIGHTEST)
+                finite &= abs(v) <= F32(limits.BRIGHTEST)
         channels[c, 0], channels[c, 1] = least, most
     return channels, finite and _is_plain(image, channels)
 
@@ -88,16 +82,16 @@ def _is_plain(image, channels):
     darkest = min(channels[0, 0], min(channels[1, 0], channels[2, 0]))
     size, limit = max(brightest, -darkest), max(brightest, 0.0)
     pixels = image.shape[1] * image.shape[2]
-    if size > _SQUARED or 0 < size < 1 / _SQUARED:
+    if size > limits.SQUARED or 0 < size < 1 / limits.SQUARED:
         return False
     ordinary = black = dark = 0
     for y in range(image.shape[1]):
         for x in range(image.shape[2]):
             v = np.float64(max(max(image[0, y, x], image[1, y, x]), max(image[2, y, x], F32(0))))
-            ordinary += v < limit / BRIGHTER
+            ordinary += v < limit / limits.BRIGHTER
             black += v < _BLACK
-            dark += _RANGE * v < brightest
-    if ordinary >= max(1, int(_ORDINARY * pixels)):
+            dark += limits.RANGE * v < brightest
+    if ordinary >= max(1, int(limits.ORDINARY * pixels)):
         return False
     return black == pixels or dark < black + (pixels - black + 1) // 2
 
@@ -113,12 +107,14 @@ def _is_noisy(radius):
                 dy, dx = (1, 0) if axis else (0, 1)
                 before = radius[y, x] - radius[y - dy, x - dx]
                 after = radius[y + dy, x + dx] - radius[y, x]
-                if max(abs(before), abs(after)) > F32(_STEP):
+                if max(abs(before), abs(after)) > F32(smoothing.STEP):
                     apart += 1
                     continue
                 together += 1
-                noisy += before * after < 0 and abs(after - before) / 2 >= F32(_OFF)
-    return together > _TOGETHER * (apart + together) and noisy > _FRACTION * together
+                noisy += before * after < 0 and abs(after - before) / 2 >= F32(smoothing.SCATTER)
+    return (
+        together > smoothing.TOGETHER * (apart + together) and noisy > smoothing.FRACTION * together
+    )
 
 
 @compiled
@@ -133,14 +129,14 @@ def _is_quantised(radius):
             for x in range(width - dx):
                 step = abs(radius[y + dy, x + dx] - radius[y, x])
                 same += step <= 0
-                minimum += step <= F32(_LEAST)
-                small += step <= F32(_MOST)
+                minimum += step <= F32(smoothing.LEAST)
+                small += step <= F32(smoothing.MOST)
         rest = count - same
-        if same <= _ALIKE * count or small - same <= _SMALL * rest:
+        if same <= smoothing.ALIKE * count or small - same <= smoothing.SMALL * rest:
             return False
-        if small - minimum <= _SMALL_MATTERS * rest:
+        if small - minimum <= smoothing.MATTERS * rest:
             return False
-    levels, number = np.empty(_FEW + 1, np.float32), 0
+    levels, number = np.empty(smoothing.FEW + 1, np.float32), 0
     for y in range(height - 1):
         for x in range(width - 1):
             r = radius[y, x]
@@ -150,7 +146,7 @@ def _is_quantised(radius):
             while k < number and levels[k] != r:
                 k += 1
             if k == number:
-                if number == _FEW:
+                if number == smoothing.FEW:
                     return True
                 levels[number] = r
                 number += 1
@@ -173,13 +169,14 @@ def _steepness(radius, y, x):
 
 @compiled
 def _has_no_ramps(radius, steep):
-    """Whether no ramp is steep, and none is less steep but several px wide and long."""
+    """Whether no ramp is several px wide and long, and few are steep beside many hard edges."""
     height, width = radius.shape
+    few = hard = 0
     for y in range(height):
         for x in range(width):
+            hard += _is_hard(radius[y, x : x + 4]) + _is_hard(radius[y : y + 4, x])
             slope = _steepness(radius, y, x)
-            if slope > STEEP:
-                return False
+            few += slope > ramps.STEEP
             if slope <= steep:
                 continue
             for v in range(max(y - 1, 0), min(y + 2, height)):
@@ -187,14 +184,24 @@ def _has_no_ramps(radius, steep):
                     slope = min(slope, _steepness(radius, v, u))
             if slope > steep:
                 return False
-    return True
+    return few == 0 or hard > diagnosis.RARE * few
+
+
+@compiled
+def _is_hard(values):
+    """Whether the step between the middle ones of four values is a hard edge beside steep ramps."""
+    if len(values) < 4:
+        return False
+    step = abs(values[2] - values[1])
+    beside = max(abs(values[1] - values[0]), abs(values[3] - values[2]))
+    return step > F32(ramps.HARD_STEP * ramps.STEEP) and beside < F32(ramps.LEVEL) * step
 
 
 @compiled
 def _are_no_averages(radius, infinity):
     """Whether few pixels on edges lie between both surfaces, in disparity and in depth."""
     height, width = radius.shape
-    counts, values = np.zeros(2, np.int64), np.empty(7, np.float32)
+    counts, hard, values = np.zeros(2, np.int64), np.zeros(2, np.int64), np.empty(7, np.float32)
     for y in range(height):
         for x in range(width):
             for axis in range(2):
@@ -202,16 +209,22 @@ def _are_no_averages(radius, infinity):
                 y0, x0 = y - 3 * dy, x - 3 * dx
                 if y0 < 0 or x0 < 0 or y0 + 6 * dy >= height or x0 + 6 * dx >= width:
                     continue
-                if abs(radius[y0 + 6 * dy, x0 + 6 * dx] - radius[y0, x0]) <= F32(_MATTERS):
+                if abs(radius[y0 + 6 * dy, x0 + 6 * dx] - radius[y0, x0]) <= F32(diagnosis.MATTERS):
                     continue
                 for quantity in range(2 if infinity < np.inf else 1):
                     for k in range(7):
                         r = radius[y0 + k * dy, x0 + k * dx]
                         if quantity:
-                            r = F32(1) / max(F32(infinity) - r, F32(INFINITE))
+                            r = F32(1) / max(F32(infinity) - r, F32(ramps.INFINITE))
                         values[k] = r
                     counts[quantity] += _is_average(values)
-    return max(counts[0], counts[1]) <= _AVERAGES
+                    if abs(radius[y0 + 4 * dy, x0 + 4 * dx] - radius[y, x]) > F32(
+                        diagnosis.MATTERS
+                    ):
+                        beside = max(abs(values[3] - values[2]), abs(values[5] - values[4]))
+                        hard[quantity] += beside < F32(diagnosis.FLAT) * abs(values[4] - values[3])
+    is_rare = counts[0] <= diagnosis.EACH * hard[0] and counts[1] <= diagnosis.EACH * hard[1]
+    return is_rare or max(counts[0], counts[1]) <= diagnosis.FEWEST
 
 
 @compiled
@@ -227,12 +240,14 @@ def _is_average(values):
             within = whole
         if k == 2:
             size, least = whole, near
-    level = F32(_LEVEL) * whole
+    level = F32(diagnosis.FLAT) * whole
     rising = falling = True
     for k in range(1, 5):
         rising &= values[k + 1] - values[k] >= -level
         falling &= values[k + 1] - values[k] <= level
     place = (values[3] - least) / (size if size > 0 else F32(1))
     ends = min(abs(values[1] - values[0]), abs(values[6] - values[5]))
-    on_edge = (rising or falling) and ends < level and _AVERAGE < place < 1 - _AVERAGE
-    return on_edge and within > F32(_ABRUPT) * whole
+    on_edge = (
+        (rising or falling) and ends < level and diagnosis.AVERAGE < place < 1 - diagnosis.AVERAGE
+    )
+    return on_edge and within > F32(diagnosis.ABRUPT) * whole

@@ -1,7 +1,7 @@
 """Whether edges of depth may be displaced from those of the colours, in compiled passes.
 
 A sample of the profiles across silhouettes is examined as in `depth/displacement.py`, with the
-same names of constants. If the sample is not displaced, no edge is.
+same constants. If the sample is not displaced, no edge is.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ import math
 
 import numpy as np
 
+from defocus_core.depth import displacement
 from defocus_core.depth.displacement import DEEPEST, FARTHEST, NORMAL, REACH
 from defocus_core.depth.ramps import LEVEL
 from defocus_core.renderer.compiled.jit import compiled, entry
 
 F32 = np.float32
-_SPAN, _DEVIATION, _WIDER, _OTHER, _SURE, _SPREAD = 5, 0.04, 4.8, -13.66, 4.0, 0.15
-_RARITY, _COARSE, _BESIDE, _BEFORE, _ROUNDS = 1.2, 0.05, 0.25, 3.0, 3
 _PROFILES, _VOTES, _HALFWAY = 512, 20, 0.499
 # Median displacement in px that is none for certain: more is measured with care.
 _CENTRED = 0.5
@@ -114,7 +113,7 @@ def _compare(colors, counts, likely, costs, told):
     scale = _TINY
     for side in range(2):
         depth, total = far if side else near, 0
-        deepest[side] = min(depth + _SPAN, max(counts[side] - 1.0, depth))
+        deepest[side] = min(depth + displacement.SPAN, max(counts[side] - 1.0, depth))
         for k in range(_ALONG):
             away = k - REACH if side else REACH - k
             if depth - 0.5 <= away <= deepest[side] + 0.5:
@@ -134,7 +133,7 @@ def _compare(colors, counts, likely, costs, told):
     total, least = 0.0, np.inf
     for k in range(_ALONG):
         along, nearer = k - REACH, likely[0, k] - likely[1, k]
-        nearer = min(max(nearer / _SURE, -1.0), 1.0)
+        nearer = min(max(nearer / displacement.SURE, -1.0), 1.0)
         for side in range(2):
             away = along if side else -along
             if deepest[side] + 0.5 < away < counts[side]:
@@ -156,12 +155,12 @@ def _find_likelihood(colors, mean, moments, scale, likely):
     volume = 0.0
     for i in range(3):
         for j in range(i + 1):
-            spread = (moments[i, j] - mean[i] * mean[j]) * _WIDER / (scale * scale)
-            spread += _DEVIATION**2 if i == j else 0.0
+            spread = (moments[i, j] - mean[i] * mean[j]) * displacement.WIDER / (scale * scale)
+            spread += displacement.DEVIATION**2 if i == j else 0.0
             for k in range(j):
                 spread -= root[i, k] * root[j, k]
             root[i, j] = math.sqrt(max(spread, 1e-12)) if i == j else spread / root[j, j]
-        volume += math.log(root[i, i] / _DEVIATION)
+        volume += math.log(root[i, i] / displacement.DEVIATION)
     for n in range(len(likely)):
         square = 0.0
         for i in range(3):
@@ -170,7 +169,7 @@ def _find_likelihood(colors, mean, moments, scale, likely):
                 z[i] -= root[i, j] * z[j]
             z[i] /= root[i, i]
             square += z[i] * z[i]
-        likely[n] = math.log(math.exp(square / -2 - volume) + math.exp(_OTHER))
+        likely[n] = math.log(math.exp(square / -2 - volume) + math.exp(displacement.OTHER))
 
 
 @compiled
@@ -186,24 +185,24 @@ def _median(costs, told):
         right, every = right + told[n, 0], every + told[n, 1]
     of_picture = _trust(right, every, 0.5, 0.65)
     votes, rarity, share = np.zeros(_SHIFTS), np.empty(_SHIFTS), np.empty(_SHIFTS)
-    for times in range(_ROUNDS + 1):
+    for times in range(displacement.MAXIMIZATIONS + 1):
         total, least = 0.0, np.inf
         for s in range(_SHIFTS):
             total += votes[s]
         for s in range(_SHIFTS):
-            beside = _BESIDE * (votes[max(s - 1, 0)] + votes[min(s + 1, _SHIFTS - 1)])
-            share[s] = ((1 - 2 * _BESIDE) * votes[s] + beside) / max(total, 1e-9)
-            rarity[s] = -_RARITY * math.log(share[s] + 0.01)
+            beside = displacement.BESIDE * (votes[max(s - 1, 0)] + votes[min(s + 1, _SHIFTS - 1)])
+            share[s] = ((1 - 2 * displacement.BESIDE) * votes[s] + beside) / max(total, 1e-9)
+            rarity[s] = -displacement.RARITY * math.log(share[s] + 0.01)
             least = min(least, rarity[s])
         for s in range(_SHIFTS):
-            rarity[s] = np.rint((rarity[s] - least) / _COARSE) * _COARSE
-            votes[s] = math.exp(abs(s - FARTHEST) / -_BEFORE)
+            rarity[s] = np.rint((rarity[s] - least) / displacement.COARSE) * displacement.COARSE
+            votes[s] = math.exp(abs(s - FARTHEST) / -displacement.BEFORE)
         for n in range(len(costs) if times else 0):
             if costs[n, 0] == np.inf:
                 continue
             total, weight = 0.0, of_picture * _trust(told[n, 0], told[n, 1], 0.2, 0.5)
             for s in range(_SHIFTS):
-                share[s] = math.exp((costs[n, s] + rarity[s]) / -_SPREAD)
+                share[s] = math.exp((costs[n, s] + rarity[s]) / -displacement.SPREAD)
                 total += share[s]
             for s in range(_SHIFTS):
                 votes[s] += share[s] / total * weight

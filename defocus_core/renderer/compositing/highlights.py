@@ -21,7 +21,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import reach
-from defocus_core.renderer.engine.settings import BRIGHTER
+from defocus_core.renderer.engine.limits import BRIGHTER
 from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import blocks_of

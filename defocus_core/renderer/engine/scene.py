@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.matting import EDGE, mixed_pixels
+from defocus_core.renderer.engine.limits import BRIGHTEST
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
 from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import HiddenLayer, KnownLayer
@@ -17,8 +18,6 @@ from defocus_core.renderer.layers.layer import layers_of as of_picture
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.validation import Scalar, backward_only, described
 
-# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
-BRIGHTEST = 1e30
 # Difference of a picture from what is known, as a share of it, up to which it may be rounding.
 _ROUNDING = 1e-3
 _DECODE = "decode integers to linear light first"

@@ -16,9 +16,6 @@ from defocus_core.optics.outline import PupilImage
 from defocus_core.tensors.box import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
 
-# A highlight is brighter than this many times the brightest of all but one pixel in 200.
-BRIGHTER = 2.0
-
 
 @dataclass(frozen=True)
 class Quality:

@@ -9,17 +9,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.engine.scene import BRIGHTEST
-from defocus_core.renderer.engine.settings import BRIGHTER
+from defocus_core.renderer.engine.limits import (
+    BRIGHTER,
+    BRIGHTEST,
+    GREATEST_PX,
+    ORDINARY,
+    RANGE,
+    SQUARED,
+)
 from defocus_core.tensors.neighbourhoods import range_of, tally
 
-# Greatest radius in px: any picture is a point beside it.
-_MAX_PX = 1e8
-# Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
-# float32 is too coarse.
-_RANGE, _SQUARED = 1e3, 1e15
-# All but one pixel in 200 are ordinary.
-_ORDINARY = 0.995
 # Discs as large as so many frames, all together, are drawn one by one at most, brightest first; but
 # all that are so many times as bright as ordinary pixels, for their rounding noise would be seen.
 _FRAMES, _ALWAYS = 8.0, 100.0
@@ -123,10 +122,10 @@ def _check(survey: Survey, dtype: torch.dtype) -> None:
     for name, numbers in (("signed_radius", radii), ("image", every)):
         if not all(map(math.isfinite, numbers)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-survey.minimum, survey.maximum) > _MAX_PX:
+    if max(-survey.minimum, survey.maximum) > GREATEST_PX:
         raise ValueError(
-            f"signed_radius must be within {_MAX_PX:g} px, got {radii[0]:.3g} to {radii[1]:.3g} "
-            "px; check the units of depth and lens, and write inf for sky"
+            f"signed_radius must be within {GREATEST_PX:g} px, got {radii[0]:.3g} to "
+            f"{radii[1]:.3g} px; check the units of depth and lens, and write inf for sky"
         )
     if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
         raise ValueError(
@@ -148,7 +147,7 @@ def highlight_limit(survey: Survey) -> float:
     brightness, radius = survey.brightness, max(-survey.minimum, survey.maximum, 1.0)
     # negative light is never a highlight, nor twice as much of it a bound
     maximum, pixels = max(survey.brightest, 0.0), brightness.values.numel()
-    rank = max(1, int(_ORDINARY * pixels))
+    rank = max(1, int(ORDINARY * pixels))
     if brightness.bounds(rank)[0] >= maximum / BRIGHTER:
         return maximum
     ordinary = brightness.exactly(rank)
@@ -168,7 +167,7 @@ def needs_double(survey: Survey, limit: float) -> bool:
     """
     brightness, bright = survey.brightness, min(survey.brightest, limit)
     size = max(bright, -survey.darkest)
-    if size > _SQUARED or 0 < size < 1 / _SQUARED:
+    if size > SQUARED or 0 < size < 1 / SQUARED:
         return True
     black = int(brightness.counts[0])  # and denormal numbers, which are as dark
     lit = brightness.values.numel() - black
@@ -176,6 +175,6 @@ def needs_double(survey: Survey, limit: float) -> bool:
         return False
     median = black + (lit + 1) // 2
     low, high = brightness.bounds(median)
-    if bright <= _RANGE * low or bright > _RANGE * high:
-        return bright > _RANGE * high
-    return bright > _RANGE * brightness.exactly(median)
+    if bright <= RANGE * low or bright > RANGE * high:
+        return bright > RANGE * high
+    return bright > RANGE * brightness.exactly(median)
