@@ -123,8 +123,9 @@ def overscan_of(wanted: InputPair) -> Overscan:
     if not any(overscan):
         return NO_OVERSCAN
     if not is_exr(read_head(picture.depth)):
-        info, frame = describe(picture.depth), (color.display.width, color.display.height)
-        return overscan if (info.height, info.width) == overscan.frame(*frame) else NO_OVERSCAN
+        info, frame = describe(picture.depth), color.display.grown(overscan)
+        is_whole = (info.width, info.height) == (frame.width, frame.height)
+        return overscan if is_whole else NO_OVERSCAN
     headers = in_view(picture.depth, read_headers(picture.depth), reading.view)
     deeper = replace(reading, part=depth_part)
     try:

@@ -69,7 +69,7 @@ class InputPair:
     @property
     def has_overscan(self) -> bool:
         """Whether the colour has overscan."""
-        return any(part.has_overscan for part in describe(self.picture.color).parts)
+        return not all(p.display.covers(p.data) for p in describe(self.picture.color).parts)
 
     @property
     def color(self) -> Color:

@@ -147,21 +147,19 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
     kind, shape = f"{bits} {path.suffix[1:].upper()}", (page.height, page.width - first)
     require_size(path, reading, shape, size)
     if row.weights or row.bits == "float32":
-        channels = {3: "RGB", 4: "RGBA"}.get(len(page.channels), "") * (page.type == "uint8")
-        file_type, values = (
-            f"8-bit {channels}" if channels else kind,
-            raster.read_samples(path, page.page),
-        )
+        channels = {3: "8-bit RGB", 4: "8-bit RGBA"} if page.type == "uint8" else {}
+        file_type = channels.get(len(page.channels), kind)
+        values = raster.read_samples(path, page.page)
         if file_type in row.files:
             values = _unpacked(values, row)
         return DepthNumbers(path, values, file_type, kind)
     _refuse_unsuited(path, page, reading)
-    dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
     samples = raster.read_samples(path, page.page)[:, first:]
     values = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
     if is_jpeg(read_head(path)):
         values = without_overshoot(values)
-    values = np.array(values, dtypes.get(page.type, np.float32))
+    if page.type == "half":  # of which 65504 is sky
+        values = values.astype(np.float16)
     greatest = 2**page.bits - 1 if page.bits else None
     if greatest is not None:  # the numbers in the file, before they were stretched
         kind = f"{page.bits}-bit {path.suffix[1:].upper()}"

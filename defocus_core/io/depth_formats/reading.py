@@ -168,8 +168,7 @@ class DepthNumbers:
     """The numbers of a depth file."""
 
     path: Path  # the file
-    # [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file, an array
-    # or something else that rows can be cut from
+    # [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file
     values: Any
     type: str  # of the file and its numbers, as the rows of the table have it
     words: str  # type of the file and of its numbers, for people

@@ -81,11 +81,6 @@ class Header:
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
     @property
-    def has_overscan(self) -> bool:
-        """Whether it has pixels beyond the picture shown."""
-        return not self.display.covers(self.data)
-
-    @property
     def views(self) -> tuple[str, ...]:
         """The views of a file of several cameras that have channels in it."""
         return (self.view,) if self.view else self.multi_view

@@ -20,10 +20,6 @@ class Overscan(NamedTuple):
         """On each side the fewer pixels of two overscans."""
         return Overscan(*map(min, self, other))
 
-    def frame(self, width: int, height: int) -> tuple[int, int]:
-        """(height, width) of a picture shown as ``width`` by ``height`` px, with its overscan."""
-        return height + self.top + self.bottom, width + self.left + self.right
-
     def shown(self, height: int, width: int) -> tuple[slice, slice]:
         """The rows and columns of a frame of ``height`` by ``width`` px that are shown."""
         return slice(self.top, height - self.bottom), slice(self.left, width - self.right)
