@@ -53,7 +53,7 @@ def averages(band: Tensor, rows: tuple[int, int], infinity: float | None) -> Ten
     edges, and the hard steps.
 
     `band`: [h, W] px, the counted rows and the three rows of the frame above and below; `infinity`:
-    signed radius in px of what is infinitely far; None if that is not known.
+    signed radius in px at infinity; None if that is not known.
     """
     counts = band.new_zeros((2, 4), dtype=torch.float64)
     radii = _runs(band, rows, slice(0, 2 * _BESIDE + 1, 2 * _BESIDE), 2 * _BESIDE + 1)
@@ -70,7 +70,7 @@ def averages(band: Tensor, rows: tuple[int, int], infinity: float | None) -> Ten
 
 
 def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tensor:
-    """The radii [m, width] around pixels of rows, along both axes, whose two ends differ enough."""
+    """The radii [m, width] of lines of pixels, along both axes, whose ends differ enough."""
     every, before = [band.new_zeros((0, width))], (width - 1) // 2
     for dim in (-2, -1):
         if band.shape[dim] >= width:
@@ -86,8 +86,8 @@ def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tenso
 def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) -> float | None:
     """The quantity that was averaged on the edges of a frame.
 
-    `counts`: [2, 4], the sum of `averages` over the frame; `infinity`: signed radius in px of what
-    is infinitely far; None if that is not known; `soft`: number of pixels of the frame on edges
+    `counts`: [2, 4], the sum of `averages` over the frame; `infinity`: signed radius in px at
+    infinity; None if that is not known; `soft`: number of pixels of the frame on edges
     that are several px wide. Returns `infinity` for distance, math.inf for disparity, None if edges
     are mostly hard or soft.
     """
@@ -164,8 +164,8 @@ class DepthRepair(NamedTuple):
             distance, infinity if they average disparity; None if edges are no averages.
         soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
             or averages; None where most are hard.
-        wide_edges: The same of a picture reduced to a common size, in which an edge is as soft as a
-            network drew it; None where most edges of that are hard.
+        wide_edges: The same for the picture reduced to a common size, at which a network drew its
+            edges; None where most of them are hard.
         ramps: Whether steep ramps between surfaces become steps.
         edge_shifts: The displacements of edges from those of the colours, which are undone; None
             if edges stay where they are.
@@ -198,7 +198,7 @@ def diagnosed(
 ) -> DepthRepair:
     """The repair that radii need; for noisy radii only the noise, which hides everything else.
 
-    `signed_radius`: [H, W] px; `infinity`: signed radius in px of what is infinitely far; None if
+    `signed_radius`: [H, W] px; `infinity`: signed radius in px at infinity; None if
     that is not known; `noise`: standard deviation in px of the noise that was smoothed; None to
     look for noise.
     """
@@ -330,8 +330,8 @@ def _soft_edges(
 ) -> tuple[int, float | None, DistanceScale | None]:
     """The number of pixels on soft edges, their median width in px, and the scale of their ramps.
 
-    0 if hard edges have more pixels, and if so large a share of the frame is steep that it is a
-    surface, as in a frame of few px. What looks hard in radius may be soft in distance.
+    The number is 0 if hard edges have more pixels, or if so much of the frame is steep that it is a
+    surface, as in a frame of few px. Edges that are hard in radius may be soft in distance.
     """
     maximum = _EDGES * signed_radius.shape[0] * signed_radius.shape[1]
     of_radius = _edge_counts(signed_radius, steep)

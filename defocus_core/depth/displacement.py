@@ -1,4 +1,4 @@
-"""Displacements of depth edges from those of the colours, and depth whose edges they moved.
+"""Displacements of depth edges from those of the colours, and their correction.
 
 Edges of estimated depth are some px too fat or too thin: beside a sharp subject a strip of the
 background would stay sharp, or the subject's own rim would be blurred. Some px within both surfaces
@@ -111,13 +111,13 @@ def measured_shifts(
     soft: float | None = None,
     scale: DistanceScale | None = None,
 ) -> EdgeShifts | None:
-    """The displacements of the edges of a picture; None where edges lie where they should.
+    """The displacements of the edges of a picture; None where edges are not displaced.
 
-    Of many pixels those are examined that a hash of what is around them chooses: the same ones
-    wherever they lie in the frame.
+    Of many pixels a sample is examined. A hash of their surroundings chooses it, so that it does
+    not depend on their place in the frame.
 
-    `soft`: slope in px of soft edges, which no edge steps less than; None for hard ones, which are
-    shifted only if most are displaced alike.
+    `soft`: slope in px of soft edges, the least step of an edge; None for hard edges, which are
+    moved only if most have the same displacement.
     """
     step, radii, colors = least_step(signed_radius, soft), signed_radius.detach(), pixels.detach()
     edges = _edge_positions(radii, step, scale, threads)
@@ -195,7 +195,7 @@ def with_shifted_edges(
     scale: DistanceScale | None = None,
     threads: int = 1,
 ) -> Tensor:
-    """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
+    """Radii [H, W] px with their edges moved to those of the colours [C, H, W]."""
     radii, colors = signed_radius.detach(), pixels.detach()
     silhouette = silhouette_of(radii, shifts.step, scale)
     if silhouette is None:
@@ -356,7 +356,7 @@ def _edge_positions(
 def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
     """The pixels [H, W] beside which the radius is greater by more than a step.
 
-    Given a scale of distance, so is the distance: few levels of distance are many px of radius.
+    With a scale of distance, the distance must be greater by a step, too.
     """
     height = torch.zeros_like(radii)
     for dim in (-2, -1):
@@ -537,6 +537,6 @@ def _profile_offsets(like: Tensor) -> Tensor:
 def _colors(pixels: Tensor, index: Tensor) -> Tensor:
     """Square roots of colours [C, ...] of pixels, in double precision.
 
-    Whatever the precision of a picture, its edges are the same.
+    The edges that are found do not depend on the precision of the picture.
     """
     return pixels.flatten(1)[:, index].double().nan_to_num().clamp(0, _BRIGHTEST).sqrt()

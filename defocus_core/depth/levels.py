@@ -1,6 +1,6 @@
-"""Levels of reduced resolution, on which edges that lie farther off are displaced first.
+"""Levels of reduced resolution, on which large displacements of edges are corrected first.
 
-What is the same share of a picture is found alike, whatever its resolution.
+A displacement by the same share of a picture is found at any resolution.
 """
 
 from __future__ import annotations
@@ -43,10 +43,7 @@ def coarse_shifts(
     reach: float = 0.0,  # px of displacement to look for at least
     threads: int = 1,
 ) -> list[CoarseShifts]:
-    """The displacements that coarse levels show, coarsest first, each beside the one before it.
-
-    What is the same share of a picture is found alike, whatever its resolution.
-    """
+    """The displacements that coarse levels show, coarsest first, each relative to the last."""
     size = (signed_radius.shape[-2], signed_radius.shape[-1])
     reach = max(_FRACTION * max(size), reach)
     levels = max(0, math.ceil(math.log2(reach / DEEPEST)))
@@ -104,8 +101,8 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
 def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Radii and mean colours of the coarse pixels.
 
-    Of an even length two pixels make one, of an odd one every second does with its neighbours:
-    mirrored, it is the same. The radius is one of those there, neither the least nor the greatest.
+    A coarse pixel of an even length holds two pixels, that of an odd length every second pixel and
+    its neighbours. The radius is one of theirs, neither the least nor the greatest.
     """
     radii, colors, own = signed_radius.detach(), pixels.detach(), []
     for dim in (-2, -1):

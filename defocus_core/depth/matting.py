@@ -162,7 +162,7 @@ class _Pixels(NamedTuple):
 def mixed_pixels(
     image: Tensor, signed_radius: Tensor, limit: float = math.inf, matte: Tensor | None = None
 ) -> MixedPixels:
-    """Take mixed pixels apart; a pixel stays as it is where one of its surfaces is not seen.
+    """Split mixed pixels; a pixel is unchanged where one of its surfaces is not visible around it.
 
     `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px; `matte`: [..., H, W], the
     coverage of a subject, which is not guessed at its silhouette.
@@ -182,9 +182,9 @@ def no_pixels(image: Tensor) -> MixedPixels:
 
 
 def radii_by_color(signed_radius: Tensor, image: Tensor, decided: Tensor) -> Tensor:
-    """Radii [H, W] px with pixels on edges given to the surface whose colour in [C, H, W] is there.
+    """Radii [H, W] px in which the colours [C, H, W] decide the surface of pixels on edges.
 
-    Depth that was estimated leaves pixels of a surface beside its edge to the other one.
+    Estimated depth gives some pixels beside an edge to the wrong surface.
 
     `decided`: [H, W] bool, where colours tell both surfaces apart.
     """
@@ -256,7 +256,7 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
 
 
 def _split_pixels(at: Tensor, squares: _Squares, limit: float) -> MixedPixels:
-    """Take apart the pixels at [n, 2]."""
+    """Split the pixels at [n, 2]."""
     pixels = _pixels_on_edge(squares, limit)
     color, own, other, _, known = pixels
     is_near = squares.is_near[squares.middle]
@@ -360,7 +360,7 @@ def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tenso
 def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Tensor, Tensor]:
     """The colours [C, n] of both surfaces of mixed pixels, the first one of coverage α [n].
 
-    What none of them explains is the pixel's own surface's, and the rest of it the other's.
+    A remainder that neither explains belongs to the pixel's own surface, then to the other.
     """
     weights = alpha * own.variance, (1 - alpha) * other.variance
     residual = (color - alpha * own.mean - (1 - alpha) * other.mean) / (

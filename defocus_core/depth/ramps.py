@@ -55,7 +55,7 @@ def longest_ramp(edge_width: float | None) -> int:
 
 
 def around_ramps(edge_width: float | None) -> int:
-    """Px around a pixel that decide what `without_ramps` makes of it."""
+    """Distance in px up to which pixels change the result of `without_ramps` at a pixel."""
     longest = longest_ramp(edge_width)
     return longest + max(_FOOT_PX, longest // 2) + 4
 
@@ -131,8 +131,8 @@ def _ends_of_ramps(
 def without_wide_ramps(signed_radius: Tensor, steep: float, scale: DistanceScale | None) -> Tensor:
     """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
 
-    What is soft over the same share of a picture is made a step, whatever its resolution: a network
-    sees a small picture, and its depth is enlarged.
+    A network sees a small picture, and its depth is enlarged: a ramp over the same share of a
+    picture becomes a step at any resolution.
     """
     (H, W), by = signed_radius.shape, reduction(signed_radius.shape)
     coarse = reduced(signed_radius, by)
@@ -156,12 +156,12 @@ def without_wide_ramps(signed_radius: Tensor, steep: float, scale: DistanceScale
 
 
 def reduction(size: Sequence[int]) -> int:
-    """How many times a picture (height, width) is as large as one whose ramps are all looked at."""
+    """The ratio of the size of a picture (height, width) to one in which all ramps are examined."""
     return max(1, min(max(size) // _REDUCED, min(size) // LEAST_SIDE))
 
 
 def reduced(signed_radius: Tensor, by: int) -> Tensor:
-    """Every so many pixels of radii [H, W] px, of the middle of the picture outwards."""
+    """Radii [H, W] px sampled at a regular step, symmetric about the middle of the picture."""
     first = [(size - 1) % by // 2 for size in signed_radius.shape]
     return signed_radius[first[0] :: by, first[1] :: by].detach()
 
@@ -279,7 +279,7 @@ INFINITE = 2.0**-12
 class DistanceScale(NamedTuple):
     """The distances of a frame, as px that span the same range as its radii."""
 
-    infinity: float  # signed radius in px of what is infinitely far
+    infinity: float  # signed radius in px at infinity
     nearest: float  # px of radius between infinity and the nearest surface of the frame
     farthest: float  # px of radius between infinity and its farthest surface
 
@@ -302,7 +302,7 @@ def distance_scale(minimum: float, maximum: float, infinity: float | None) -> Di
     """The scale of distance of a frame.
 
     `minimum`: least radius in px; `maximum`: greatest radius in px; `infinity`: signed radius in px
-    of what is infinitely far; None if that is not known. Returns none if distance is not known,
+    at infinity; None if that is not known. Returns none if distance is not known,
     infinite somewhere, or the same everywhere.
     """
     if infinity is None or not INFINITE < infinity - maximum < infinity - minimum:

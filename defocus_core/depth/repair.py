@@ -126,7 +126,7 @@ def _with_edges_of_colors(
 
 
 def check_repair(depth_repair: str, edge_width: float | None) -> None:
-    """Check what a user knows of a depth map, as `render` explains it."""
+    """Check the options that describe a depth map; see `render`."""
     one_of("depth_repair", depth_repair, DEPTH_REPAIRS)
     if edge_width is None:
         return
@@ -149,7 +149,7 @@ def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[floa
 
 
 def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> DepthRepair:
-    """The repair that was found, with soft edges as wide as they are said to be."""
+    """The repair that was found, with the given width of soft edges."""
     if edge_width is None:
         return repair
     if edge_width == 0:

@@ -1,4 +1,4 @@
-"""One repair of depth for all frames of a shot: what is decided for each frame could flip.
+"""One repair of depth for all frames of a shot, as decisions for single frames could flicker.
 
 Radii of one scene through two lenses differ by a factor and a shift, as both are affine in
 disparity. So thresholds in px of radius go with this factor.
@@ -15,7 +15,7 @@ from defocus_core.depth.ramps import MINIMUM, STEEP
 
 
 def agreed_repair(repairs: Sequence[DepthRepair]) -> DepthRepair:
-    """The repair that most of some frames need, of radii through one lens: the median of each."""
+    """The repair that most frames need, with the median of each value; all through one lens."""
     names, defaults = DepthRepair._fields, DepthRepair._field_defaults
     of_each = ([getattr(repair, name) for repair in repairs] for name in names)
     agreed = map(_median, of_each, map(defaults.get, names))
@@ -32,7 +32,7 @@ def repair_through(repair: DepthRepair, factor: float, infinity: float | None) -
     """The repair of a frame for another lens.
 
     `factor`: radii through that lens as multiples of those through the lens of the frame;
-    `infinity`: signed radius in px of what is infinitely far; None if that is not known.
+    `infinity`: signed radius in px at infinity; None if that is not known.
     """
     shifts, averaged, ramps_of = repair.edge_shifts, repair.antialiased, repair.ramps_of
     is_of_distance = averaged is not None and not math.isinf(averaged)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 else:
 
     class _Torch:
-        """The module; it has its names from the first one on that is asked for."""
+        """The module torch, imported when one of its names is first used."""
 
         def __getattr__(self, name: str) -> Any:
             import torch
@@ -24,7 +24,7 @@ else:
 
     class _OfTensors(type):
         def __instancecheck__(cls, value: object) -> bool:
-            """Whether a value is a tensor: none is before torch was imported."""
+            """Whether a value is a tensor; False before torch is imported."""
             return "torch" in sys.modules and isinstance(value, torch.Tensor)
 
     class Tensor(metaclass=_OfTensors):

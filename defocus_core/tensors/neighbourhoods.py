@@ -101,7 +101,7 @@ def flat_nonzero(mask: Tensor) -> Tensor:
 def masked_values(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    On other devices than a CPU, where the host would wait for n, all values, 0 outside the mask.
+    On devices other than a CPU, all values, 0 outside the mask, so that the host need not wait.
     """
     if launches_cost(values.device):
         return torch.where(mask, values, 0)

@@ -17,7 +17,7 @@ _ROUNDINGS, _LEAST = 8, 2e-14
 
 
 def off_round(bound: float) -> float:
-    """A threshold above a round one by 0.013 of its power of ten, which no round value meets."""
+    """A threshold slightly above a round number, by 0.013 of its power of ten."""
     return round(bound + 0.013 * 10.0 ** math.floor(math.log10(bound)), 9)
 
 
