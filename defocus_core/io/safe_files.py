@@ -157,7 +157,7 @@ def missing(path: Path, what: str = "file") -> InputError:
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
-    """Refuse a size that a header claims, in px of so many bytes, before that is allocated."""
+    """Refuse a too large size that a header claims, in px of so many bytes, before allocation."""
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
         raise InputError("damaged", f"is damaged: {claim}", AGAIN, path=path)

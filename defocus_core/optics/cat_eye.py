@@ -39,7 +39,7 @@ class Rim(NamedTuple):
     def left_open(
         self, areas: Tensor, x: Tensor, y: Tensor, narrowing: tuple[Scalar, Scalar]
     ) -> Tensor:
-        """The share of areas [..., m - 1, n - 1] of the pupil in pixels that the rim leaves open.
+        """The share of the pupil's area in pixels [..., m - 1, n - 1] that the rim leaves open.
 
         Where the borders of pupil and rim cut the same pixel, the overlap is that of two lines
         through the middle of the pixel at the same angle: the smaller area if they are parallel,

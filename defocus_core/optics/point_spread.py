@@ -114,7 +114,7 @@ class PsfLens(ThinLens):
         The left one is seen through the half u.x < 0 of the lens: a point beyond focus lies to the
         left in it, one nearer than focus to the right. Their mean is `psf`. Their centroids are
         8 r / (3 pi) px apart for a pillbox, near focus, too: there a half with an odd ks has values
-        below zero, down to -0.11, for its shift is part of a pixel and the mean a single pixel.
+        below zero, down to -0.11, as its shift is a part of a pixel and the mean is one pixel.
 
         Returns:
             (left, right), each as `psf` returns it, each summing to 1.

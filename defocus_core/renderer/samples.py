@@ -37,12 +37,12 @@ def restored(value: Any, planes: Tensor) -> Any:
 
 
 def mirrored(sample: Mapping[str, Any], p: float = 1.0) -> Sample:
-    """A sample, mirrored from side to side; left and right, whose light crosses over, exchange.
+    """A sample, mirrored from side to side; left and right are exchanged.
 
     Args:
         sample: Pictures and maps by name, those of the dual pixels as ``left`` and ``right``; what
             is no picture stays as it is.
-        p: The chance of it, drawn by torch's generator, which a loader seeds in each worker.
+        p: The probability, drawn by torch's generator, which a loader seeds in each worker.
     """
     if p < 1.0 and float(torch.rand(())) >= p:
         return dict(sample)

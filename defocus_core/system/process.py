@@ -87,7 +87,7 @@ def imports() -> Iterator[None]:
 
 @contextmanager
 def settings_kept() -> Iterator[None]:
-    """Leave torch's threads and the interpreter's switching after the block as they were."""
+    """Restore torch's threads and the interpreter's switch interval after the block."""
     threads, interval = None, sys.getswitchinterval()
     if is_torch_loaded():
         threads = sys.modules["torch"].get_num_threads()

@@ -198,7 +198,7 @@ def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
 
 
 def linked_folders(out: Path) -> frozenset[str]:
-    """The names of links in OUT, which are no folders of outputs."""
+    """The names of links in OUT, which are not accepted as folders of outputs."""
     return frozenset(name for name in Folder(out).names() if (out / name).is_symlink())
 
 

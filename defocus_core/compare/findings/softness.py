@@ -142,7 +142,7 @@ class _Frame:
 
     @cached_property
     def squares(self) -> NDArray[Any]:
-        """The squared frequency of each of a spectrum, in cycles per px."""
+        """The squared frequencies of a spectrum, in cycles per px."""
         height, width = self.sides[0].shape
         return np.asarray(np.fft.fftfreq(height)[:, None] ** 2 + np.fft.rfftfreq(width) ** 2)
 

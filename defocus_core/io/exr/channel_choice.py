@@ -283,7 +283,7 @@ def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
 
 
 def _split(channel: Channel, header: Header, views: Sequence[str]) -> tuple[str, str]:
-    """The view of a channel, empty if it is of none, and its name without it."""
+    """The view of a channel, empty if there is none, and the name of the channel without it."""
     words = channel.name.split(".")
     if len(words) == 1 and header.multi_view:
         return views[0], channel.name

@@ -63,7 +63,7 @@ class Window(NamedTuple):
         return sides if whole else sides.smaller(Overscan(*[maximum] * 4))
 
     def intersection(self, other: Window) -> Window:
-        """The part of this window that lies in another, which it meets."""
+        """The intersection with another window that overlaps this one."""
         (x0, y0), (x1, y1) = map(max, self[:2], other[:2]), map(min, self[2:], other[2:])
         return Window(x0, y0, x1, y1)
 

@@ -60,7 +60,7 @@ def same_primaries(a: Chromaticities, b: Chromaticities) -> bool:
 def refuse_other_primaries(
     path: Path, attributes: Mapping[str, object], other: Mapping[str, object], name: str
 ) -> None:
-    """Refuse a picture whose light would be mixed with that of another of other primaries."""
+    """Refuse a picture whose light would be mixed with that of a picture of other primaries."""
     theirs, own = declared_primaries(attributes), declared_primaries(other)
     if not same_primaries(theirs, own):
         problem = f"has the primaries {primaries_name(theirs)} but {name} {primaries_name(own)}"

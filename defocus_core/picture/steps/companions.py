@@ -68,7 +68,7 @@ def read_plate(take: Take) -> Take:
 
 
 def radii_of_both(take: Take) -> Take:
-    """The radii of both; maps show those in front."""
+    """The radii of element and plate; maps show those of the front one."""
     plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
     assert plate is not None
     below, shown = radii_of(take.lens, plate.depth), own.px

@@ -268,7 +268,7 @@ class TransformWindow:
     def _transformed(
         self, slice_indices: list[int], size: tuple[int, int], *, leaning: bool
     ) -> Sequence[Tensor]:
-        """The spectra of some slices, each as `spectrum` has it."""
+        """The spectra of some slices, as `spectrum` returns them."""
         versions = self._kernels(slice_indices, leaning=leaning)
         chosen = [each[1:] if leaning else each[0] for each in versions]
         together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]

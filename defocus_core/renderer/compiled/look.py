@@ -119,7 +119,7 @@ def _is_noisy(radius):
 
 @compiled
 def _is_quantised(radius):
-    """Whether radii may have few levels, more than 32, with small steps between them."""
+    """Whether radii may have few levels, but more than 32, with small steps between them."""
     height, width = radius.shape
     for axis in range(2):
         dy, dx = (1, 0) if axis else (0, 1)

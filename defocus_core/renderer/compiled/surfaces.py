@@ -210,7 +210,7 @@ def add_points(surfaces, y, shares, room):
 
 @entry
 def halved(surfaces, levels, level, side, coarse, table):
-    """What of surfaces is spread at a level or beyond it on a side of focus, in its coarse pixels.
+    """The surfaces of one side of focus that are spread at a level or a coarser one, in its pixels.
 
     surfaces: in pixels of the level before; levels: of the slots; coarse: `Coarse`. Pixels beyond
     the frame are those on its edge.

@@ -4,9 +4,9 @@ Coverage is the share of an aperture part that sees a slice. Slices of one conti
 complementary coverage and must add up; separate surfaces must occlude. The saturating sum does
 both: each slice adds its coverage until the whole part is covered.
 
-What a lens sees is a mean of what there is, neither darker nor brighter. Layers and discs of lights
-leave and add light by rounding, and where they are clipped. So
-colours are bounded by the least and greatest value of their channel: an opaque alpha stays opaque.
+A view is a mean of the scene, neither darker nor brighter. Layers and discs of lights lose and gain
+light by rounding and by clipping. So colours are bounded by the least and greatest value of their
+channel: an opaque alpha stays opaque.
 """
 
 from __future__ import annotations

@@ -97,9 +97,9 @@ def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
 
 
 def _dilated(values: Tensor, by: int, *, square: bool) -> Tensor:
-    """The greatest of values [..., h, w] and those `by` px beside, above and below.
+    """The greatest of values [..., h, w] and those `by` px to the sides, above and below.
 
-    For a square also those at its corners.
+    `square`: whether the corners of the square count, too.
     """
     greatest = values.clone()
     for dim in (-2, -1):

@@ -113,7 +113,7 @@ _SAME = 0.513
 
 @lru_cache(maxsize=64)
 def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
-    """The radii of slices in px by which their left halves are shifted."""
+    """The radii of discs whose left halves are shifted as those of sampled slices, in px."""
     whole = aperture.centroid(half)[0]
     return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
 
