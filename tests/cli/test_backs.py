@@ -1,5 +1,7 @@
 """Which back made a picture is known: compiled loops, or torch."""
 
+from importlib.metadata import version
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +9,6 @@ from batches import JOBS, jobs_file, records
 from command_line import header, pair, photograph, run, succeed
 
 from defocus_core.renderer.compiled import carried
-from defocus_core.system.text import version
 
 TOOK = "compiled" if carried.available() else "torch"
 
@@ -22,7 +23,7 @@ def test_the_record_the_header_and_the_card_name_what_computed(tmp_path, out):
     assert told.startswith(f"torch {torch.__version__}, numpy {np.__version__}")
     assert ", CPU " in told
     assert header(next(out.glob("coc/*.exr")))["defocus:software"] == told
-    assert f"Made by defocus {version()}, renderer" in (out / "README.md").read_text()
+    assert f"Made by defocus {version('defocus')}, renderer" in (out / "README.md").read_text()
     assert told in (out / "README.md").read_text()
 
 

@@ -8,11 +8,11 @@ import pytest
 import torch
 from command_line import color_exr, depth_exr, failed, refused, run
 from reference import flatten, layered, lens_points
+from renderers import HAS_LOOPS
 from scenes import SIZE, card_layers
 
 from defocus_core.bench import measured_shots
 from defocus_core.evaluation.metrics import Errors
-from defocus_core.renderer.compiled.carried import available
 
 FIELDS = ["psnr", "psnr_edges", "psnr_elsewhere", "rel_rmse", "ssim", "p999"]
 
@@ -48,7 +48,7 @@ def test_all_methods_are_measured_and_written(tiny):
     ran = bench("--truth", tiny, "--json")
     assert ran.code == 0
     document = ran.json
-    methods = ["sum", "standard", *["torch"] * available(), "high"]
+    methods = ["sum", "standard", *["torch"] * HAS_LOOPS, "high"]
     assert [row["method"] for row in document["rows"]] == methods
     assert [mean["method"] for mean in document["means"]] == methods
     assert all(set(FIELDS) < set(row) for row in document["rows"])

@@ -12,18 +12,8 @@ IMAGE = np.zeros((4, 4), np.float32)
 NOISE = np.random.default_rng(0).random((32, 48, 3), np.float32)
 PLANES = torch.from_numpy(NOISE).permute(2, 0, 1)
 NOWHERE = [
-    "",
-    ".",
-    "..",
-    "/",
-    "a/",
-    "a//b",
-    "../a",
-    "a/../../b",
-    "/tmp/a",
-    "render/../a",
-    "linked/a",
-    "a.1",
+    *("", ".", "..", "/", "a/", "a//b", "../a", "a/../../b", "/tmp/a", "render/../a"),
+    *("linked/a", "a.1"),
 ]
 
 

@@ -1,5 +1,7 @@
 """What went is refused wherever it is written, with the words that replace it: row by row."""
 
+from importlib.metadata import version
+
 import pytest
 from command_line import failed, run
 
@@ -12,7 +14,6 @@ from defocus_core.errors import Place, with_dashes
 from defocus_core.gone import GONE
 from defocus_core.request.quantities import QuantityError, one_of, read_at
 from defocus_core.request.toml_file import refuse_unknown
-from defocus_core.system.text import version
 from defocus_core.tensors.validation import one_of as one_of_arguments
 
 ROWS = [(row, since) for since, rows in GONE.items() for row in rows]
@@ -27,7 +28,7 @@ def rows(kind):
 
 
 def test_rows_stay_for_two_versions():
-    major, minor, *_ = map(int, version().split("."))
+    major, minor, *_ = map(int, version("defocus").split("."))
     assert {*GONE} <= {f"{major}.{minor}.0", f"{major}.{minor - 1}.0"}
 
 

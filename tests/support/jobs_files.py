@@ -42,9 +42,13 @@ def jobs_file(folder, text, *, inputs=""):
     return path
 
 
+def jobs_of(path, out):
+    """The jobs of a jobs file that write to a folder."""
+    return read_batch(path, Outputs(out), Machine()).jobs
+
+
 def jobs(folder, text, *, inputs="", out="out"):
-    path = jobs_file(folder, text, inputs=inputs)
-    return read_batch(path, Outputs(folder / out), Machine()).jobs
+    return jobs_of(jobs_file(folder, text, inputs=inputs), folder / out)
 
 
 def names(found):

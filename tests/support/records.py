@@ -7,6 +7,7 @@ import numpy as np
 from image_files import save
 
 from defocus_core.batch.datasets import sample_index, tar_shards
+from defocus_core.batch.journal.journal import Journal, Ledger, journal_path
 from defocus_core.batch.journal.record import record_of
 from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
@@ -25,6 +26,18 @@ def write_index(out, records):
     path = out / sample_index.NAME
     path.write_bytes(b"".join(map(sample_index.line, entries)))
     return path
+
+
+def journal(out, records):
+    """Write the journal of records."""
+    with Journal(journal_path(out), 0) as opened:
+        for each in records:
+            opened.append(record_of(msgspec.json.encode(each)))
+
+
+def journalled(out):
+    """The records that hold in a journal."""
+    return list(Ledger(out).records())
 
 
 def pack(out, records, limit):

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 from command_line import write_exr
 from image_files import from_srgb
-from planted_faults import _bilateral, _jpeg, shot
+from planted_faults import _bilateral, _jpeg, compared, shot
 
 from defocus_core import UsageProblem, compare_images
-from defocus_core.compare import comparison
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules, matches, read_thresholds, rule
 from defocus_core.request.quantities import QuantityError
 
@@ -109,8 +106,7 @@ def test_causes_are_looked_for_only_where_a_rule_needs_one(tmp_path):
     files = {n: write_exr(tmp_path / f"{n}.exr", Y=np.float32(v)) for n, v in names.items()}
 
     def record(pair, rules):
-        files_of_pair = (files[name] for name in pair)
-        return comparison.compare_pair(FilePair("b", *files_of_pair), rules, CompareSettings())[0]
+        return compared(*(files[name] for name in pair), rules)
 
     for text, pair, found in (
         ("max>1", ("a", "b"), False),

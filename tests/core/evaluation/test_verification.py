@@ -8,8 +8,8 @@ import pytest
 import torch
 from torch.nn.functional import avg_pool2d
 
+from defocus_core import render as true_render
 from defocus_core.evaluation.lens_laws import LAWS, Check, LawSetting, verify
-from defocus_core.renderer.render import render as true_render
 
 GPU_ALIKE = LawSetting("cpu:0")  # not "cpu": compared with it as a GPU is
 

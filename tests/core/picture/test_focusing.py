@@ -5,24 +5,18 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, refused, run
+from depth_reading import depth_of
 from jobs_files import lens_values
 from refusals import refuses
 
-from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of
 
 LENS = lens_values()
-
-
-def depth_of(metres):
-    planes = np.asarray(metres, np.float32)
-    return Depth(planes, Path("depth.exr"), "Z", "")
 
 
 def at(percent):

@@ -69,13 +69,12 @@ def _reached(photograph, radius):
     import OpenImageIO as oiio  # noqa: N813
     import torch
 
-    from defocus_core.allowed_values import AUTO_LIGHTS
-    from defocus_core.tensors.clipped_lights import ClippedLights
+    from defocus_core import with_lights
 
     pixels = oiio.ImageBuf(str(photograph)).get_pixels(oiio.FLOAT)[..., :3] ** 2.2
     image = torch.from_numpy(np.ascontiguousarray(np.moveaxis(pixels, 2, 0)))
     threshold = 0.92  # linear light of either coding begins here at the latest
-    lit = ClippedLights(image, threshold, AUTO_LIGHTS[1]).added
+    lit = with_lights(image, threshold)
     reached = np.zeros(radius.shape, bool)
     for y, x in np.argwhere((lit != image).any(0).numpy()):
         r = int(np.ceil(radius[y, x])) + 16

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from depth_reading import depth_of
 from jobs_files import lens_values
 
-from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_blur_reach
 from defocus_core.picture.radii import of_file, of_radii, radii_of
 
@@ -18,7 +17,7 @@ SCENE = np.geomspace(1.0, 40.0, 320 * 240).reshape(240, 320)  # m
 
 
 def warnings(metres, lens=LENS, *, path="depth.exr", declared=False, **more):
-    depth = Depth(np.asarray(metres, np.float32), Path(path), more.get("channel", "Z"), "")
+    depth = depth_of(metres, path, more.get("channel", "Z"))
     radius, ends, *_ = radii_of(lens, depth)
     words = of_radii(depth, radius, ends, lens, declared=declared)
     return (*words, *of_file(depth, declared=declared))
@@ -45,7 +44,7 @@ def test_centimetres_taken_for_metres_leave_nothing_in_focus():
 @pytest.mark.parametrize("number", [0, 255, 300, 400])
 def test_a_number_beyond_those_of_the_file_is_not_in_focus(number):
     numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
-    depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
+    depth = depth_of(numbers, "d.png", "", is_radius=True, is_relative=True)
     lens = with_blur_reach(
         lens_values(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth]
     )

@@ -11,7 +11,6 @@ from jobs_files import job_of
 from refusals import refuses
 
 from defocus_core.batch import run_batch
-from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
 from defocus_core.system import memory
@@ -113,10 +112,10 @@ def test_where_no_region_fits_a_gpu_the_picture_is_refused(tmp_path, monkeypatch
 
 def test_processes_share_the_memory_unless_told(monkeypatch):
     monkeypatch.setattr(memory, "available_mb", lambda: 1000.0)
-    shared = WorkerConfig("local", 4, 1, "cpu", None, None).machine.memory
+    shared = run_batch.WorkerConfig("local", 4, 1, "cpu", None, None).machine.memory
     assert shared == int(0.8 * 1000 / 4 * memory.MB)
-    assert WorkerConfig("local", 4, 1, "cpu", 7, None).machine.memory == 7
-    assert WorkerConfig("local", 1, 1, "cpu", None, None).machine.memory is None
+    assert run_batch.WorkerConfig("local", 4, 1, "cpu", 7, None).machine.memory == 7
+    assert run_batch.WorkerConfig("local", 1, 1, "cpu", None, None).machine.memory is None
 
 
 @pytest.mark.parametrize(
@@ -138,6 +137,6 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
     free = iter([available])
     monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
     monkeypatch.setattr(run_batch, "cores", lambda: 8)
-    crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
+    crew = run_batch.WorkerConfig("local", processes, threads, "cpu", 7, None)
     assert (crew.count, crew.machine.threads) == shared_out
     assert crew.count == shared_out[0], "whatever is free by now"

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from depth_reading import depth_of
 
-from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.subject import FoundPixel, subject_of, surface_of, white_is_near
 
 RELATIVE = {"is_radius": True, "is_relative": True}
-
-
-def depth_of(numbers, **kind):
-    return Depth(np.asarray(numbers, np.float32), Path("z.exr"), "Z", "", **kind)
 
 
 def found(numbers, **kind):

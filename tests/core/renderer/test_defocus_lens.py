@@ -191,21 +191,18 @@ def test_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
     batch = lens.psf(points, ks=31)
     torch.testing.assert_close(batch[1], lens.psf(points[1], ks=31))
     torch.testing.assert_close(batch, lens.psf(points.abs(), ks=31))
-    rgb, grid = lens.psf_rgb(points, 31), lens.psf_map((2, 3), 31, depth=-2500.0)
-    assert (rgb.shape, grid.shape) == ((2, 3, 31, 31), (2, 3, 1, 31, 31))
-    torch.testing.assert_close(rgb, batch[:, None].expand_as(rgb))
-    torch.testing.assert_close(grid, batch[1].expand_as(grid))
-
-
-def test_dual_pixel_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
-    lens = camera()
-    points = torch.tensor([[0, 0, -1500.0], [0, 0, -2500.0]], dtype=torch.float64)
-    pair = lens.psf_dp(points, 32, "pillbox")
-    maps = lens.psf_map_dp((2, 3), 32, depth=-2500.0, psf_type="pillbox")
-    for half, rgb, grid in zip(pair, lens.psf_rgb_dp(points, 32, "pillbox"), maps, strict=True):
-        assert (rgb.shape, grid.shape) == ((2, 3, 32, 32), (2, 3, 1, 32, 32))
-        torch.testing.assert_close(rgb, half[:, None].expand_as(rgb))
-        torch.testing.assert_close(grid, half[1].expand_as(grid))
+    pair = zip(
+        lens.psf_dp(points, 32, "pillbox"),
+        lens.psf_rgb_dp(points, 32, "pillbox"),
+        lens.psf_map_dp((2, 3), 32, depth=-2500.0, psf_type="pillbox"),
+        strict=True,
+    )
+    whole = batch, lens.psf_rgb(points, 31), lens.psf_map((2, 3), 31, depth=-2500.0)
+    for psf, rgb, grid in (whole, *pair):
+        size = psf.shape[-2:]
+        assert (rgb.shape, grid.shape) == ((2, 3, *size), (2, 3, 1, *size))
+        torch.testing.assert_close(rgb, psf[:, None].expand_as(rgb))
+        torch.testing.assert_close(grid, psf[1].expand_as(grid))
 
 
 def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside():

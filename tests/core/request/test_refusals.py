@@ -1,13 +1,11 @@
 """What jobs files, lists, lens files and keys may not say: a row for each door and code."""
 
 import pytest
-from jobs_files import FIXED, LENS, jobs, option, touch
+from jobs_files import FIXED, LENS, jobs, jobs_of, option, touch
 from refusals import refuses_as
 
 from defocus_core.io.shots.key_files import read_keys
 from defocus_core.request.animation import read_animation
-from defocus_core.request.job import Machine, Outputs
-from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.pairing import find_pictures
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import refuse_contradiction
@@ -144,7 +142,7 @@ def inputs(folder, text):
 
 def file(folder, text):
     (folder / "jobs.toml").write_text(text)
-    read_batch(folder / "jobs.toml", Outputs(folder), Machine())
+    jobs_of(folder / "jobs.toml", folder)
 
 
 def pairs(folder, text):

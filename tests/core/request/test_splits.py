@@ -1,15 +1,15 @@
 """The scene of a picture decides its split, whatever other scenes there are."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jobs_files import lens_values
+from jobs_files import job_of
 from refusals import refuses, refuses_as
 
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.splits import read_splits, with_recorded
 from defocus_core.request.toml_file import Table
 
@@ -18,8 +18,14 @@ def splits(*pictures, **values):
     return read_splits(Table(Path("jobs.toml"), "split", values), pictures)
 
 
+def plain(name):
+    return job_of(Path("a.exr"), Path("z.exr"), Path("out"), name=name)
+
+
 def picture(stem, frame=None):
-    return PictureFiles(stem, Path("a.exr"), Path("z.exr"), frame=frame)
+    return replace(
+        job_of(Path("a.exr"), Path("z.exr"), Path("out"), name=stem).picture, frame=frame
+    )
 
 
 def assigned(names, **values):
@@ -28,9 +34,8 @@ def assigned(names, **values):
 
 
 def job(name, **values):
-    asked = Outputs(Path("out"))
-    lens, (split,) = lens_values(), splits(picture(name), **values)
-    return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
+    (split,) = splits(picture(name), **values)
+    return replace(plain(name), split=split)
 
 
 def kept(recorded, names, **values):

@@ -22,13 +22,8 @@ def sampled(folder, sample, lens="", *, inputs=""):
 
 def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path):
     found = swept(tmp_path, 'fnumber = [1.4, 2.8]\nfocus = ["50cm", "2m", "inf", "percentile(5)"]')
-    assert names(found)[:5] == [
-        "a_f1.4_focus500mm",
-        "a_f1.4_focus2m",
-        "a_f1.4_focusinf",
-        "a_f1.4_focusp5",
-        "a_f2.8_focus500mm",
-    ]
+    focuses = ("focus500mm", "focus2m", "focusinf", "focusp5")
+    assert names(found)[:5] == [*(f"a_f1.4_{focus}" for focus in focuses), "a_f2.8_focus500mm"]
     assert [job.lens.fnum for job in found] == [1.4] * 4 + [2.8] * 4
     assert [job.lens.foc_dist for job in found[:4]] == [500, 2000, math.inf, None]
     assert found[3].lens.focus_percentile == 5
@@ -59,12 +54,8 @@ def test_every_option_of_a_lens_can_be_swept(tmp_path, row):
 
 def test_lenses_that_belong_together_are_no_grid(tmp_path):
     sets = 'lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]\nblades = [0, 6]'
-    assert names(swept(tmp_path, sets)) == [
-        "a_f2_focus1m_blades0",
-        "a_f2_focus1m_blades6",
-        "a_f4_focus2m_blades0",
-        "a_f4_focus2m_blades6",
-    ]
+    lenses = ("f2_focus1m", "f4_focus2m")
+    assert names(swept(tmp_path, sets)) == [f"a_{a}_blades{n}" for a in lenses for n in (0, 6)]
 
 
 def steps(values):

@@ -11,12 +11,11 @@ from command_line import header, read_exr
 from command_line import run as run_command
 from image_files import to_srgb
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
-from records import pack, write_index
+from records import journalled, pack, write_index
 from refusals import refuses
 
 from defocus_core import BatchDataset, decode_sample, run_batch, samples
 from defocus_core.batch.datasets.sample_index import row_of
-from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
 
 HIGH = '[machine]\nquality = "high"\n'
@@ -25,7 +24,7 @@ HIGH = '[machine]\nquality = "high"\n'
 def carried_out(folder, text, name="out"):
     todo, out = jobs(folder, text + HIGH, inputs=INPUTS, out=name), folder / name
     summary = run.run(todo, out, run.Execution(pipeline.execute))
-    return summary, list(Ledger(out).records())
+    return summary, journalled(out)
 
 
 def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path):

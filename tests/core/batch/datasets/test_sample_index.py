@@ -6,13 +6,11 @@ import tracemalloc
 
 import pytest
 from jobs_files import lens_values
-from records import record, write_index
+from records import journal, record, write_index
 from refusals import refuses
 
 from defocus_core import samples
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal.journal import Journal, journal_path
-from defocus_core.batch.journal.record import record_of
 
 
 def written(out, *records):
@@ -89,9 +87,7 @@ def test_hugging_face_loads_a_set_without_splits(kinds, tmp_path, datasets):
 
 
 def write_all(out, records):
-    with Journal(journal_path(out), 0) as opened:
-        for each in records:
-            opened.append(record_of(json.dumps(each).encode()))
+    journal(out, records)
     update.index(out, None)
 
 

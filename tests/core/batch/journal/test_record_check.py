@@ -145,15 +145,7 @@ def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "note",
-    [
-        "",
-        "[]",
-        "{}",
-        json.dumps({"jobs": 1}),
-        json.dumps({"jobs": ["a"]}),
-        json.dumps({"jobs": {"a": "1"}}),
-    ],
+    "note", ["", "[]", "{}", '{"jobs": 1}', '{"jobs": ["a"]}', '{"jobs": {"a": "1"}}']
 )
 def test_a_broken_note_of_a_run_is_refused(note, tmp_path):
     run_path(tmp_path).write_text(note)

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 import torch
 from measures import worst
-from renderers import NEEDS_LOOPS, renderer_of
+from renderers import NEEDS_LOOPS, alone_of, renderer_of
 
 from defocus_core import Aperture, DualPixel
-from defocus_core.renderer.compiled.alone import views_alone
 from defocus_core.renderer.compiled.openings import STEPS, opening
-from defocus_core.renderer.engine.scene import Surface
-from defocus_core.renderer.engine.settings import Settings
 
 pytestmark = pytest.mark.skipif(**NEEDS_LOOPS)
 SIZE = 48
@@ -157,11 +154,11 @@ def test_pairs_that_the_compiled_back_does_not_carry_lie_about_its_centre():
 
 
 def test_pictures_that_loops_render_alone_are_those_of_the_renderer():
-    settings, count = Settings(left_right=True), 0
+    count = 0
     for seed in range(12):
         image, radius = random_scene(seed)
         radius = radius * (1 if seed % 2 else 5)  # wide, too
-        alone = views_alone(Surface(image, radius), settings)
+        alone = alone_of(image, radius, left_right=True)
         found = renderer_of(image, radius, left_right=True).picture()
         if alone is not None:
             count += 1
@@ -198,8 +195,7 @@ def seeded():
 @pytest.mark.parametrize("need", IN_NEED)
 def test_depth_that_needs_repair_is_not_rendered_by_loops_alone(need):
     image, radius = card(-4.0, 4.0, 144, dark=0.3)
-    settings = Settings()
-    assert views_alone(Surface(image, radius), settings) is not None
+    assert alone_of(image, radius) is not None
     radius = IN_NEED[need](radius)
     assert any(renderer_of(image, radius).repair)
-    assert views_alone(Surface(image, radius), settings) is None
+    assert alone_of(image, radius) is None

@@ -6,11 +6,10 @@ import pytest
 import torch
 from scenes import random_radius
 
-from defocus_core import HiddenLayer
+from defocus_core import HiddenLayer, render
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
-from defocus_core.renderer.render import render
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
 
