@@ -25,27 +25,27 @@ from defocus_core.tensors.neighbourhoods import (
 from defocus_core.tensors.ties import off_round
 
 # A pixel is on an edge if its radius and those of its neighbours span more than EDGE px, and two of
-# these neighbours differ by more than _STEP px: less is a slope.
-EDGE, _STEP = off_round(1.5), off_round(1.0)
+# these neighbours differ by more than STEP px: less is a slope.
+EDGE, STEP = off_round(1.5), off_round(1.0)
 # Half width in px of the square around a pixel from which both surfaces are estimated, and the
 # standard deviation in px of the weights in it.
-AROUND, _NEARBY = 3, 2**0.5
+AROUND, NEARBY = 3, 2**0.5
 # Standard deviation in px of the weights of the pixels from whose depth a coverage is expected, and
 # of the coverage from the expected one.
-_PIXEL, _UNCERTAIN = 0.6, 0.25
+PIXEL, UNCERTAIN = 0.6, 0.25
 # Weight of a light that is no ordinary pixel, beside ordinary ones of its surface.
-_LIGHT = 1e-20
+LIGHT = 1e-20
 # Radius in px up to which a nearer surface is in focus: its pixels stay as they are.
-_SHARP = 0.5
+SHARP = 0.5
 # Share of another surface up to which a pixel is whole, if that is within so many deviations of its
 # own surface; a greater one d counts as d - w² / d.
-_WHOLE, _WITHIN = 0.03, 2.0
+WHOLE, WITHIN = 0.03, 2.0
 # Misfit of a colour that is neither surface's, in variances, by which it is rather a thing of its
 # own, a lamp, and whole.
-_FOREIGN = 100
+FOREIGN = 100
 # Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
 # the brightest channel: less may be rounding.
-_MIN_DEVIATION, _ROUNDING = 0.01, 1e-4
+MIN_DEVIATION, ROUNDING = 0.01, 1e-4
 # Power of the distance from the colour of the other surface by which pixels of a thin one count.
 _PUREST = 4
 # Px beside an edge of estimated depth whose colours decide which surface they are of.
@@ -126,10 +126,10 @@ class _Squares(NamedTuple):
         """[k, n] by closeness; 0 for a third surface on the pixel's own side of the edge."""
         alike = (self.radii - self.radii[self.middle]).detach().abs() <= EDGE
         own = self.is_near == self.is_near[self.middle]
-        weights = _closeness(self.colors, _NEARBY) * (alike | ~own)
+        weights = _closeness(self.colors, NEARBY) * (alike | ~own)
         if math.isinf(limit):
             return weights
-        return torch.where(self.colors.detach().amax(0) > limit, _LIGHT * weights, weights)
+        return torch.where(self.colors.detach().amax(0) > limit, LIGHT * weights, weights)
 
     def inner(self) -> Tensor:
         """The radii [3, 3, n] px around the middle."""
@@ -141,7 +141,7 @@ class _Squares(NamedTuple):
         """[n] bool, whether the inner nine hold a step between two surfaces."""
         nine = self.inner().detach()
         steps = (nine.diff(dim=dim).abs().amax((0, 1)) for dim in (0, 1))
-        return torch.maximum(*steps) > _STEP
+        return torch.maximum(*steps) > STEP
 
     def beyond_edge(self) -> Tensor:
         """The radii [n] px of the other surface among the inner nine, at its farther end."""
@@ -248,7 +248,7 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
     """Squares with surfaces and coverage of a matte [k, n] where they hold its silhouette."""
     subject, radii = matte >= SUBJECT, squares.radii.detach()
     own, rest = ((radii * mask).sum(0) / mask.sum(0).clamp(min=1) for mask in (subject, ~subject))
-    at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > _STEP)
+    at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > STEP)
     is_near = torch.where(at_silhouette, subject == (own < rest), squares.is_near)
     coverage = torch.where(own < rest, matte, 1 - matte)[squares.middle]
     known = torch.where(at_silhouette, coverage, torch.nan)
@@ -276,7 +276,7 @@ def _pixels_on_edge(squares: _Squares, limit: float = math.inf) -> _Pixels:
     near, far = _sides(squares, limit)
     color = squares.colors[:, squares.middle]
     is_near = squares.is_near[squares.middle]
-    nearby = _closeness(color, _PIXEL)
+    nearby = _closeness(color, PIXEL)
     expected = (nearby * (squares.is_near == is_near)).sum(0) / nearby.sum()
     has_step = squares.have_step()
     if squares.known is not None:
@@ -325,7 +325,7 @@ def _side_of(squares: _Squares, weight: Tensor) -> _Side:
     off = squares.colors - mean[:, None]
     spread = (off * off * fraction).sum(1)
     brightest = torch.maximum(mean, squares.colors[:, squares.middle]).amax(0).clamp(min=0)
-    minimum = torch.maximum(_MIN_DEVIATION * mean, _ROUNDING * brightest)
+    minimum = torch.maximum(MIN_DEVIATION * mean, ROUNDING * brightest)
     variance = spread + minimum * minimum + torch.finfo(mean.dtype).tiny ** 0.5
     return _Side(mean, variance, (squares.radii * fraction).sum(0), total > 0)
 
@@ -342,16 +342,16 @@ def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tens
     best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)
     off = color - other.mean - best * apart
     misfit = (off * off / (best * own.variance + (1 - best) * other.variance)).sum(0)
-    doubt = (1 + misfit) / _UNCERTAIN**2
-    expected = 1 - (1 - expected) / (1 + misfit / _FOREIGN)
+    doubt = (1 + misfit) / UNCERTAIN**2
+    expected = 1 - (1 - expected) / (1 + misfit / FOREIGN)
     return ((observed + expected * doubt) / (evidence + doubt)).clamp(0, 1)
 
 
 def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tensor:
     """Coverages [n] by a pixel's own surface; those near 1 become 1."""
     apart = (own.mean - other.mean).square()
-    limit = _WITHIN / (apart / own.variance).sum(0).clamp(min=(_WITHIN / _WHOLE) ** 2).sqrt()
-    limit = torch.where(is_near & (own.signed_radius.detach().abs() <= _SHARP), 1.0, limit)
+    limit = WITHIN / (apart / own.variance).sum(0).clamp(min=(WITHIN / WHOLE) ** 2).sqrt()
+    limit = torch.where(is_near & (own.signed_radius.detach().abs() <= SHARP), 1.0, limit)
     clear = 1 - alpha > limit
     short = torch.where(clear, 1 - alpha, 1.0)
     return torch.where(clear, 1 - short + limit.square() / short, 1.0)

@@ -80,12 +80,12 @@ def range_of(values: Tensor) -> Tensor:
 
 
 # Place of the border between a near and a far radius; below 1/2, so that the middle is far.
-_HALFWAY = 0.499
+HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
     """The border between each near and far radius; the radius in the middle is on the far side."""
-    return near + (far - near) * _HALFWAY
+    return near + (far - near) * HALFWAY
 
 
 def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:

@@ -6,19 +6,18 @@ import math
 
 import numpy as np
 
+from defocus_core.depth import matting
 from defocus_core.depth.matting import AROUND, EDGE
 from defocus_core.renderer.compiled.jit import compiled, entry
+from defocus_core.tensors.neighbourhoods import HALFWAY
 
 F32 = np.float32
-# As in `depth/matting.py`, whose names they have.
-STEP, NEARBY, PIXEL, UNCERTAIN, SHARP = 1.013, 2**0.5, 0.6, 0.25, 0.5
-WHOLE, WITHIN, FOREIGN, MIN_DEVIATION, ROUNDING, HALFWAY = 0.03, 2.0, 100.0, 0.01, 1e-4, 0.499
 _SIDE = 2 * AROUND + 1
 _SQUARED = [(y * y + x * x) for y in range(-AROUND, AROUND + 1) for x in range(-AROUND, AROUND + 1)]
-_BESIDE = np.exp(np.array(_SQUARED) / (-2 * NEARBY**2))
-_WITHIN_PIXEL = np.exp(np.array(_SQUARED) / (-2 * PIXEL**2))
+_BESIDE = np.exp(np.array(_SQUARED) / (-2 * matting.NEARBY**2))
+_WITHIN_PIXEL = np.exp(np.array(_SQUARED) / (-2 * matting.PIXEL**2))
 _WITHIN_PIXEL /= _WITHIN_PIXEL.sum()
-_MIDDLE, _LIGHT = len(_SQUARED) // 2, 1e-20
+_MIDDLE = len(_SQUARED) // 2
 _TINY, _SMALLEST = math.sqrt(float(np.finfo(np.float32).tiny)), float(np.finfo(np.float32).tiny)
 
 
@@ -62,7 +61,7 @@ def _side_of(colors, radii, weight, side):
         for k in range(weight.shape[0]):
             off = colors[k, c] - mean
             spread += weight[k] * off * off
-        least = max(MIN_DEVIATION * mean, ROUNDING * brightest)
+        least = max(matting.MIN_DEVIATION * mean, matting.ROUNDING * brightest)
         side[3 + c] = spread / total + least * least + _TINY
     r = 0.0
     for k in range(weight.shape[0]):
@@ -105,8 +104,8 @@ def _coverage(color, own, other, expected):
     for c in range(3):
         off = color[c] - other[c] - best * (own[c] - other[c])
         misfit += off * off / (best * own[3 + c] + (1 - best) * other[3 + c])
-    doubt = (1 + misfit) / UNCERTAIN**2
-    expected = 1 - (1 - expected) / (1 + misfit / FOREIGN)
+    doubt = (1 + misfit) / matting.UNCERTAIN**2
+    expected = 1 - (1 - expected) / (1 + misfit / matting.FOREIGN)
     return min(max((observed + expected * doubt) / (evidence + doubt), 0.0), 1.0)
 
 
@@ -117,8 +116,8 @@ def _as_whole(alpha, is_near, own, other):
     for c in range(3):
         apart = own[c] - other[c]
         evidence += apart * apart / own[3 + c]
-    limit = WITHIN / math.sqrt(max(evidence, (WITHIN / WHOLE) ** 2))
-    if is_near and abs(own[6]) <= SHARP:
+    limit = matting.WITHIN / math.sqrt(max(evidence, (matting.WITHIN / matting.WHOLE) ** 2))
+    if is_near and abs(own[6]) <= matting.SHARP:
         limit = 1.0
     short = 1 - alpha
     return 1 - short + limit * limit / short if short > limit else 1.0
@@ -160,7 +159,7 @@ def _has_step(radius, y, x):
     for j in (left, x, right):
         steepest = max(steepest, abs(radius[y, j] - radius[up, j]))
         steepest = max(steepest, abs(radius[down, j] - radius[y, j]))
-    return steepest > F32(STEP)
+    return steepest > F32(matting.STEP)
 
 
 @compiled
@@ -182,7 +181,7 @@ def _read_square(picture, border, y, x, square):
             brightest = max(brightest, colors[k, c])
         weight[k] = _BESIDE[k] if abs(r - r0) <= EDGE or near[k] != own else 0.0
         if brightest > limit:
-            weight[k] *= _LIGHT
+            weight[k] *= matting.LIGHT
 
 
 @compiled

@@ -14,9 +14,10 @@ from defocus_core.depth import displacement
 from defocus_core.depth.displacement import DEEPEST, FARTHEST, NORMAL, REACH
 from defocus_core.depth.ramps import LEVEL
 from defocus_core.renderer.compiled.jit import compiled, entry
+from defocus_core.tensors.neighbourhoods import HALFWAY
 
 F32 = np.float32
-_PROFILES, _VOTES, _HALFWAY = 512, 20, 0.499
+_PROFILES, _VOTES = 512, 20
 # Median displacement in px that is none for certain: more is measured with care.
 _CENTRED = 0.5
 _ALONG, _SHIFTS, _TINY = 2 * REACH + 1, 2 * FARTHEST + 1, float(np.finfo(np.float64).tiny) ** 0.25
@@ -80,7 +81,7 @@ def _find_profile(radius, y, x, rise, positions):
     They run from the nearer to the farther surface, without a gap.
     """
     height, width = radius.shape
-    border, ny, nx = radius[y, x] + rise * F32(_HALFWAY), 0.0, 0.0
+    border, ny, nx = radius[y, x] + rise * F32(HALFWAY), 0.0, 0.0
     for a in range(-NORMAL, NORMAL + 1):
         for b in range(-NORMAL, NORMAL + 1):
             v, u = min(max(y + a, 0), height - 1), min(max(x + b, 0), width - 1)

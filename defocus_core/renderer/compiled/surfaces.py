@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from defocus_core.renderer.compiled.jit import compiled, entry
 from defocus_core.renderer.compiled.openings import FIRST
 from defocus_core.renderer.compiled.spread import spread_line, step_of
+from defocus_core.renderer.layers.slopes import AREA, HALF_WIDTH, SAME, SMALL
 
 F32 = np.float32
+_SMALL = SMALL**2
 
 
 class SlotSurfaces(NamedTuple):
@@ -62,10 +64,6 @@ def surfaces_of(light, radius, table, level, minimum, lost):
     return SlotSurfaces(light, radius, slot, _slopes(radius[0], minimum), moved)
 
 
-# As in `layers/slopes.py`.
-_SMALL, _AROUND, _AREA = 0.05**2, 5, 0.345
-
-
 @compiled
 def _limited(a, b):
     """A mean of two differences in which the lesser counts more."""
@@ -107,29 +105,25 @@ def _keep_wide_slopes(slope, steep):
     height, width = steep.shape
     columns, counts = np.zeros(width + 1, np.int32), np.zeros(width, np.int32)
     kept = False
-    for y in range(-_AROUND, height):
+    for y in range(-HALF_WIDTH, height):
         for x in range(width):
-            if y + _AROUND < height:
-                counts[x] += steep[y + _AROUND, x]
-            if y > _AROUND:
-                counts[x] -= steep[y - _AROUND - 1, x]
+            if y + HALF_WIDTH < height:
+                counts[x] += steep[y + HALF_WIDTH, x]
+            if y > HALF_WIDTH:
+                counts[x] -= steep[y - HALF_WIDTH - 1, x]
         if y < 0:
             continue
         for x in range(width):
             columns[x + 1] = columns[x] + counts[x]
-        rows = min(y + _AROUND + 1, height) - max(y - _AROUND, 0)
+        rows = min(y + HALF_WIDTH + 1, height) - max(y - HALF_WIDTH, 0)
         for x in range(width):
-            first, end = max(x - _AROUND, 0), min(x + _AROUND + 1, width)
-            many = columns[end] - columns[first] > _AREA * (rows * (end - first))
+            first, end = max(x - HALF_WIDTH, 0), min(x + HALF_WIDTH + 1, width)
+            many = columns[end] - columns[first] > AREA * (rows * (end - first))
             if steep[y, x] and many:
                 kept = True
             else:
                 slope[0, y, x] = slope[1, y, x] = 0
     return kept
-
-
-# Neighbours whose radii differ by less, in px, are of one surface.
-_SAME = 0.513
 
 
 @compiled
@@ -141,8 +135,8 @@ def _find_moved(light, radius, lost, moved):
             r = radius[y, x]
             q = step_of(r)
             shift = lost[np.int64(r > 0), q] if q < lost.shape[1] else F32(0)
-            before = x > 0 and abs(radius[y, x - 1] - r) < F32(_SAME)
-            after = x + 1 < width and abs(radius[y, x + 1] - r) < F32(_SAME)
+            before = x > 0 and abs(radius[y, x - 1] - r) < F32(SAME)
+            after = x + 1 < width and abs(radius[y, x + 1] - r) < F32(SAME)
             weight = -shift / max(F32(before) + F32(after), F32(1))
             first, last = x - 1 if before else x, x + 1 if after else x
             if weight == 0 or first == last:

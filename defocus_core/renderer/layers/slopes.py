@@ -31,12 +31,12 @@ from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.validation import Scalar
 
 # Slopes in px per px, below which the limiter is nearly a plain mean.
-_SMALL = 0.05
+SMALL = 0.05
 # Half width in px of the square around a pixel, and the share of it that must be steep.
-_AROUND = 5
-_AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
+HALF_WIDTH = 5
+AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
 # Px around a pixel that decide its slope, and the gradient of its colours.
-AROUND = _AROUND + 1
+AROUND = HALF_WIDTH + 1
 
 
 def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
@@ -71,11 +71,11 @@ def _many_around(mask: Tensor) -> Tensor:
     for dim in (-2, -1):
         n = mask.shape[dim]
         position = torch.arange(n, device=mask.device)
-        first, end = (position - _AROUND).clamp(min=0), (position + _AROUND + 1).clamp(max=n)
+        first, end = (position - HALF_WIDTH).clamp(min=0), (position + HALF_WIDTH + 1).clamp(max=n)
         sums = pad(count.cumsum(dim, dtype=torch.int32), (1, 0) if dim == -1 else (0, 0, 1, 0))
         count = sums.index_select(dim, end) - sums.index_select(dim, first)
         area = area[..., None] * (end - first)
-    return count > _AREA * area
+    return count > AREA * area
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:
@@ -92,7 +92,7 @@ def _limited(r: Tensor, dim: int) -> Tensor:
 
 
 def _weights(steps: Tensor) -> Tensor:
-    return torch.addcmul(sent(_SMALL**2, steps), steps, steps)
+    return torch.addcmul(sent(SMALL**2, steps), steps, steps)
 
 
 def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:
@@ -108,7 +108,7 @@ _BESIDE = 1
 # Centroids less far than this above or below the middle of the lens are level with it.
 _LEVEL = 1e-6
 # Neighbours whose radii differ by less, in px, are of the same surface.
-_SAME = 0.513
+SAME = 0.513
 
 
 @lru_cache(maxsize=64)
@@ -194,7 +194,7 @@ def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
     A step to another surface does not count.
     """
     n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
-    same = (signed_radius.detach().diff(dim=dim).abs() < _SAME).to(color)
+    same = (signed_radius.detach().diff(dim=dim).abs() < SAME).to(color)
     steps, counts = (pad(x, around) for x in (color.diff(dim=dim) * same, same))
     total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
     return total / count.clamp(min=1)
