@@ -155,18 +155,19 @@ def spread_row(surfaces, y, band, opening, room):
     light, radius, slot, slope, moved = surfaces
     before, row = line.before, min(max(y, 0), height - 1)
     to_light, to_radius, to_slot, to_slope, to_moved = line[:5]
+    sloping, moving = slope.shape[1] > 0, moved.shape[0] > 0
     for k in range(count):
-        sloping, moving = slope.shape[1] > 0, moved.shape[0] > 0
+        own = k == 0  # parts of nearer surfaces have other slopes, which are not known
         for j in range(width + 2 * before):  # what goes on beyond the frame is as on its edge
             x = min(max(j - before, 0), width - 1)
             to_slot[j], to_radius[j] = slot[k, row, x], radius[k, row, x]
             for i in range(4):
                 to_light[4 * j + i] = light[k, row, 4 * x + i]
                 if moving:
-                    to_moved[4 * j + i] = moved[row, 4 * x + i]
+                    to_moved[4 * j + i] = moved[row, 4 * x + i] if own else F32(0)
             if sloping:
-                to_slope[0, j] = slope[0, row, x] if x == j - before else F32(0)
-                to_slope[1, j] = slope[1, row, x] if y == row else F32(0)
+                to_slope[0, j] = slope[0, row, x] if own and x == j - before else F32(0)
+                to_slope[1, j] = slope[1, row, x] if own and y == row else F32(0)
         spread_line(line, y, band, opening, room.ring)
 
 
