@@ -79,8 +79,9 @@ def rendered_alone(
     Its settings must be carried.
     """
     seen, is_exact = look_at(radius, settings), settings.depth_repair == "off"
-    is_plane = plane_of(*seen.range) is not None
-    if not seen.usable or is_plane or _is_cut(radius) or not (is_exact or seen.clean):
+    if not seen.usable or not (is_exact or seen.clean):
+        return None
+    if plane_of(*seen.range) is not None or _is_cut(radius):
         return None
     image = np.ascontiguousarray(image, np.float32)
     each, plain = look_at_light(image)
