@@ -26,21 +26,13 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric of a pair.
+    """A metric of a pair."""
 
-    Attributes:
-        name: name in ``--fail``.
-        help: description, for help and reports.
-        unit: unit, or empty.
-        better: ``low`` or ``high``.
-        color: whether only pictures with colour have it.
-    """
-
-    name: str
+    name: str  # in ``--fail``
     help: str
     unit: str = ""
-    better: str = "low"
-    color: bool = False
+    better: str = "low"  # or ``high``
+    color: bool = False  # whether only pictures with colour have it
 
 
 _ROWS = (

@@ -21,8 +21,9 @@ from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import MALFORMED, missing
 from defocus_core.io.wildcards import matching
 
-_VIEW = re.compile(r"(?<![A-Za-z])(left|right|L|R|l|r)(?![A-Za-z])", re.I)
-_OTHER = {"left": "right", "right": "left", "l": "r", "r": "l"}
+_RIGHT = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
+_OTHER = _RIGHT | {right: left for left, right in _RIGHT.items()}
+_VIEW = re.compile(rf"(?<![A-Za-z])({'|'.join(_OTHER)})(?![A-Za-z])")
 _FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
 _VERSIONS = ("version", "renderer", "back")
 RECIPE = ".recipe.json"  # suffix of the recipe of a sample, beside accepted pictures
@@ -144,12 +145,7 @@ def other_view(name: str) -> str:
     *_, match = [None, *_VIEW.finditer(name)]
     if match is None:
         return name
-    word, other = match[0], _OTHER[match[0].lower()]
-    if word.isupper():
-        other = other.upper()
-    elif word.istitle():
-        other = other.title()
-    return name[: match.start()] + other + name[match.end() :]
+    return name[: match.start()] + _OTHER[match[0]] + name[match.end() :]
 
 
 @dataclass(frozen=True)

@@ -105,12 +105,8 @@ def _refuse_damaged_png(path: Path) -> None:
             raise InputError("damaged", problem, "write or copy it again", path=path)
         at = end + 4
     if kind != b"IEND" or at != len(data):
-        raise InputError(
-            "damaged",
-            "is damaged (it does not end as PNG does)",
-            "write or copy it again",
-            path=path,
-        )
+        problem = "is damaged (it does not end as PNG does)"
+        raise InputError("damaged", problem, "write or copy it again", path=path)
 
 
 def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:

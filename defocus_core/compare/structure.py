@@ -179,24 +179,17 @@ def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
     if not names:
         return
     old, new = (np.stack([np.nan_to_num(side[name]) for name in names]) for side in sides)
-    if old.shape[1:] == new.shape[:0:-1]:
-        turned = {
-            "to the left": np.rot90(old, 1, (1, 2)),
-            "to the right": np.rot90(old, -1, (1, 2)),
-        }
-        for way, planes in turned.items():
-            if np.array_equal(planes, new):
-                yield Finding("rotated", f"rotated by 90° {way}")
+    for turns, way in ((1, "left"), (-1, "right")):
+        if np.array_equal(np.rot90(old, turns, (1, 2)), new):
+            yield Finding("rotated", f"rotated by 90° to the {way}")
     large, small = (old, new) if old.shape[1] >= new.shape[1] else (new, old)
     (height, width), (high, wide) = large.shape[1:], small.shape[1:]
     if (high, wide) == (height, width) or high > height or wide > width:
         return
     for x, y in _corners(large, small):
         if np.array_equal(large[:, y : y + high, x : x + wide], small):
-            whole = f"{width}x{height}"
-            text = f"a crop: {wide}x{high} at {x},{y} of {whole}"
-            if large is new:
-                text = f"A is a crop of B: {wide}x{high} at {x},{y} of {whole}"
+            which = "a crop" if small is new else "A is a crop of B"
+            text = f"{which}: {wide}x{high} at {x},{y} of {width}x{height}"
             yield Finding("crop", text, {"window": [x, y, wide, high]})
             return
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.places import coc_map, place_of
-from defocus_core.compare.findings.table import CAUSES, LEFT, Finding, kind_of
+from defocus_core.compare.findings.table import BEYOND, CAUSES, LEFT, Finding, kind_of
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
@@ -104,13 +104,11 @@ def _chosen(
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
     """The fits of possible causes to a pair."""
-    rows, colors = {row.name: row for row in CAUSES}, evidence.pixels.color
-    lit = not {name for layer in colors for name in layer}.isdisjoint(evidence.names)
+    colors = {name for layer in evidence.pixels.color for name in layer}
+    lit = not colors.isdisjoint(evidence.names)
     for model in dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= lit):
         module, _, name = model.partition(".")
-        for fit in getattr(import_module(f"{__package__}.{module}"), name)(evidence):
-            row = rows[kind_of(fit.name)]
-            yield replace(fit, beyond=fit.beyond or row.beyond)
+        yield from getattr(import_module(f"{__package__}.{module}"), name)(evidence)
 
 
 def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
@@ -121,7 +119,8 @@ def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
 
 def _is_beyond(fit: Explanation, other: Explanation) -> bool:
     """Whether a model includes a simpler one, or has the same name."""
-    return kind_of(other.name) in (*fit.beyond, kind_of(fit.name))
+    kind = kind_of(fit.name)
+    return kind_of(other.name) in (*BEYOND[kind], kind)
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:

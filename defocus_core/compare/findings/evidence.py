@@ -48,7 +48,6 @@ class Explanation:
     values: Mapping[str, Any] = field(default_factory=dict)  # parameters, for programs
     # residual of what neighbours have in common, so that noise is left out
     but_noise: float = math.inf
-    beyond: tuple[str, ...] = ()  # as of its row in the table of causes, if that has none
 
     @property
     def finding(self) -> Finding:
@@ -269,6 +268,12 @@ class Evidence:
             first = max(min(middle - _FRAME // 2, length - _FRAME), 0) // _BLOCK * _BLOCK
             ends.append(slice(first, min(first + _FRAME, length)))
         return ends[0], ends[1]
+
+    @cached_property
+    def framed(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """A and B [C, h, w] in the frame, on the scale of differences."""
+        a, b = (self.scaled(self.values_at(side, *self.frame)) for side in "ab")
+        return a, b
 
 
 def _common(weights: NDArray[Any], values: NDArray[Any]) -> float:

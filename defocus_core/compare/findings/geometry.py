@@ -103,7 +103,7 @@ def _shifted(evidence: Evidence, dx: int, dy: int) -> Explanation:
 def _ways(evidence: Evidence) -> Iterator[tuple[int, int]]:
     """No shift, and those (dx, dy) at the peaks of correlations of A and B in the frame."""
     yield 0, 0
-    a, b = (evidence.scaled(evidence.values_at(s, *evidence.frame)).mean(axis=0) for s in "ab")
+    a, b = (side.mean(axis=0) for side in evidence.framed)
     height, width = a.shape
     window = np.outer(*(np.hanning(n + 2)[1:-1].astype(a.dtype) for n in (height, width)))
     old, new = (np.fft.rfft2((v - v.mean()) * window) for v in (a, b))

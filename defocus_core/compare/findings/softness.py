@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from typing import Any
@@ -25,7 +25,6 @@ from defocus_core.compare.findings.evidence import (
 )
 from defocus_core.compare.selection import widened
 
-_SIMPLER = ("softer", "sharper", "shifted", "scaled")
 _Plane = NDArray[np.float64]  # [h, w]
 _Kernel = Callable[[Any], Any]  # weights by distances, in units of its size
 _Way = tuple[tuple[int, int], tuple[_Kernel, _Kernel]]  # rows and columns; filters
@@ -34,8 +33,9 @@ _SIGMAS, _PART = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of pa
 _RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
 _FACTORS = np.geomspace(1.03, 6, 200)  # of size
-_OFF, _PROBE, _KEPT = 0.03, 64, 3  # share of the sizes that are searched; px; ways measured
-_TRIED, _NEAR = 6, 0.64  # pairs of filters that are tried; their residual by response
+_REACH, _PROBE, _KEPT = 16, 64, 3  # sizes beside an estimate; px; ways that are measured
+_USUAL = (4 / 3, 1.5, 2, 3, 4, 8)  # factors of size
+_TRIED, _NEAR = 4, 0.64  # pairs of filters that are tried; their residual by response
 _BLOCKS = (2, 4, 8)  # px on a side of repeated pixels
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _OF_LIGHT = 0.3  # least share of the power of a difference that channels share
@@ -210,23 +210,29 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
 
 def _resized(frame: _Frame) -> Iterator[Explanation]:
     """B is A reduced and enlarged again, by filters or by leaving pixels out."""
-    (height, width), b = frame.evidence.size, frame.sides[1]
-    probe = tuple(slice(max(n - _PROBE, 0) // 2, (n + _PROBE) // 2) for n in b.shape)
+    (height, width), (a, b) = frame.evidence.size, map(frame.scaled, frame.sides)
+    inner = (slice(_MARGIN, -_MARGIN),) * 2
+    parts = sums_of_parts((np.square(b - a) * frame.steady)[inner], _PROBE)
+    most = np.unravel_index(int(parts.argmax()), parts.shape)  # the part that tells most
+    firsts = [int(k) * _PROBE + _MARGIN for k in most]
+    probe = tuple(
+        slice(k, min(k + _PROBE, n - _MARGIN)) for k, n in zip(firsts, b.shape, strict=True)
+    )
 
     def cost(way: _Way) -> float:
-        there, aim = (frame.scaled(v) for v in (_through_size(frame, *way, probe), b[probe]))
-        return float(np.square(there - aim).sum())
+        there = frame.scaled(_through_size(frame, *way, probe))
+        return float(np.square(there - b[probe]).sum())
 
     ways: list[_Way] = []
     for factor, kernels in _factors(frame):
-        reach = max(3, round(_OFF * width / factor))
-        wide = {*range(round(width / factor) - reach, round(width / factor) + reach)}
-        wide |= {round(width / usual) for usual in _BLOCKS}
+        wide = {round(width / factor) + k for k in range(-_REACH, _REACH)}
+        wide |= {round(width / usual) for usual in _USUAL}
         sizes = ((round(height * n / width), n) for n in wide if 1 < n <= width / _FACTORS[0])
         (high, wide_), _ = min(((size, kernels) for size in sizes), key=cost)
         ways += [((high + k, wide_), kernels) for k in (-1, 0, 1)]
     for side, down in product(_BLOCKS, (*_FILTERS, _first, _middle)):
-        ways.append(((round(height / side), round(width / side)), (down, _box)))
+        ups = _FILTERS if side == 2 else (_box,)  # half is what most choose
+        ways += [((round(height / side), round(width / side)), (down, up)) for up in ups]
     fits = []
     for size, kernels in sorted(ways, key=cost)[:_KEPT]:
         factor = width / size[1]
@@ -324,7 +330,7 @@ def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
     values = {"softer": round(lost, 3), "sharper": round(1 - lost, 3), "radius": radius}
     ways = a + change / np.where(slope > 0, slope, 1.0), frame.filtered[1]
     fits = [frame.explain(there, names[0], how, **values) for there in ways]
-    yield replace(min(fits, key=lambda fit: fit.left), beyond=_SIMPLER)
+    yield min(fits, key=lambda fit: fit.left)
 
 
 def _spread(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:

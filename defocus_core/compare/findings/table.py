@@ -13,31 +13,23 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Cause:
-    """A possible cause of a difference, and its evidence.
+    """A possible cause of a difference, and its evidence."""
 
-    Attributes:
-        name: the fixed words of the finding.
-        words: its evidence.
-        model: module of this folder and function that fits it to a pair, in one way or several.
-        beyond: names of simpler causes that the model includes: it replaces one of these if its
-            residual is at most half, and is not its rival.
-        left: largest residual, as a share of the difference, at which it is named.
-        light: whether it applies to colour alone.
-        looks: whether it is tried if no other row is named.
-    """
-
-    name: str
-    words: str
-    model: str
+    name: str  # the fixed words of the finding
+    words: str  # its evidence
+    model: str  # module of this folder and function that fits it to a pair, in one or several ways
+    # Simpler causes that the model includes: it replaces one if its residual is at most half, and
+    # is not its rival
     beyond: tuple[str, ...] = ()
-    left: float = 0.35
-    light: bool = False
-    looks: bool = False
+    left: float = 0.35  # largest residual, as a share of the difference, at which it is named
+    light: bool = False  # whether it applies to colour alone
+    looks: bool = False  # whether it is tried if no other row is named
 
 
 _FACTOR = ("another exposure", "multiplied")
 _LINEAR = (*_FACTOR, "channels swapped", "premultiplication")
 _TONES = (*_LINEAR, "offset or contrast", "inverted", "another gamma", "clipped", "normalised")
+_MOVED = ("shifted", "scaled")
 _AXIS = "along rays instead of along the axis, by which focal length"
 _VIEW = "B is the other view: a file `left`/`right` beside A, channels, or halves of the picture"
 _MIXED = "a matrix: which primaries, the factor, or grey"
@@ -87,9 +79,9 @@ CAUSES = (
     # Patterns.
     Cause("fireflies or few pixels", "how many, brighter or darker", "traces.sparks"),
     # Sharpness.
-    Cause("softer", "blurred or denoised, by how many px", "softness.softened", left=0.6),
-    Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.6),
-    Cause("another CoC", _COC, "softness.softened", left=0.6),
+    Cause("softer", "blurred or denoised, by how many px", "softness.softened", _MOVED, 0.6),
+    Cause("sharper", "the reverse, or more detail", "softness.softened", _MOVED, 0.6),
+    Cause("another CoC", _COC, "softness.softened", _MOVED, 0.6),
     Cause("lower resolution", "of which size", "softness.softened", left=0.25),
     # Known by the looks of a difference.
     Cause(
@@ -105,6 +97,7 @@ CAUSES = (
     Cause("noise", "added, or in another pattern", "traces.noise", looks=True),
 )
 LEFT = {row.name: row.left for row in CAUSES}
+BEYOND = {row.name: row.beyond for row in CAUSES}
 # Findings without a model.
 STRUCTURE = {
     "NaN": "on one side only",
@@ -130,20 +123,12 @@ FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like foun
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding on the cause of a difference.
+    """A finding on the cause of a difference."""
 
-    Attributes:
-        name: the cause in fixed words, like ``shifted`` or ``clipped at 1``.
-        text: the cause with its numbers, for people.
-        values: the numbers, for programs.
-        explained: share of the RMSE that the cause explains, 1 for all; None if it has no such
-            share.
-    """
-
-    name: str
-    text: str
-    values: Mapping[str, Any] = field(default_factory=dict)
-    explained: float | None = None
+    name: str  # the cause in fixed words, like ``shifted`` or ``clipped at 1``
+    text: str  # the cause with its numbers, for people
+    values: Mapping[str, Any] = field(default_factory=dict)  # the numbers, for programs
+    explained: float | None = None  # share of the RMSE that the cause explains, if it has one
 
     @property
     def code(self) -> str:

@@ -214,12 +214,9 @@ def radial(evidence: Evidence) -> Iterator[Explanation]:
         square = np.where(usable, (other / np.where(one != 0, one, 1)) ** 2 - 1, 0.0)
         slope = float((square * far).sum() / max(float((far[usable] ** 2).sum()), 1e-300))
         if slope > 0:
-            focal = 1 / math.sqrt(slope)
-            there, how = (
-                (a * (1 + slope * far) ** power)[None],
-                f": by a focal length of {focal:.4g} px",
-            )
-            yield evidence.explain(there, name, how, {"focal": focal})
+            focal, there = 1 / math.sqrt(slope), a * (1 + slope * far) ** power
+            how = f": by a focal length of {focal:.4g} px"
+            yield evidence.explain(there[None], name, how, {"focal": focal})
 
 
 def premultiplied(evidence: Evidence) -> Iterator[Explanation]:

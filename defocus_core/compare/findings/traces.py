@@ -81,8 +81,7 @@ def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is A times its own gain; a common gain, and a shifted grid, explain less."""
-    sides = (evidence.light(evidence.values_at(s, *evidence.frame)).mean(axis=0) for s in "ab")
-    a, b = (evidence.scaled_light(side).astype("f8") for side in sides)
+    a, b = (side.mean(axis=0, dtype="f8") for side in evidence.framed)
     turn, power = blocks_in_turn(a.shape, 4), np.square(b - a)
 
     def left(side: int, offset: int) -> float:
@@ -106,9 +105,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
 
 def compressed(evidence: Evidence) -> Iterator[Explanation]:
     """Frequencies of B in blocks of 8 px are those of A, rounded (ITU-T T.81) or 0 if small."""
-    sides = [
-        evidence.scaled(evidence.values_at(side, *evidence.frame)).astype("f8") for side in "ab"
-    ]
+    sides = [side.astype("f8") for side in evidence.framed]
     weights = np.array(_Y if len(sides[0]) == 3 else [1 / len(sides[0])] * len(sides[0]))
     luma = [np.tensordot(weights, values, 1) for values in sides]
     change = luma[1] - luma[0]
@@ -158,25 +155,16 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
     """The difference has mean 0, and is uncorrelated between neighbours and with the picture."""
-    sides = [
-        evidence.scaled(evidence.values_at(side, *evidence.frame)).astype("f8") for side in "ab"
-    ]
+    sides = [side.astype("f8") for side in evidence.framed]
     a, b = (side.mean(axis=0) for side in sides)
     change = b - a
     power, each = float(np.square(change).mean()), float(np.square(sides[1] - sides[0]).mean())
     few = np.count_nonzero(change) < _MIN_CHANGED * change.size or min(change.shape) < 3
-    if (
-        few
-        or evidence.is_rectangle
-        or power < _SHARED * each
-        or abs(change.mean()) > _WITHOUT_MEAN * math.sqrt(power)
-    ):
+    biased = power < _SHARED * each or abs(change.mean()) > _WITHOUT_MEAN * math.sqrt(power)
+    if few or biased or evidence.is_rectangle:
         return
-    shared = max(
-        abs(float((change[down:, across:] * change[: -down or None, : -across or None]).mean()))
-        / power
-        for down, across in ((1, 0), (0, 1))
-    )
+    beside = ((v[1:] * v[:-1]).mean() for v in (change, change.T))
+    shared = max(abs(float(v)) for v in beside) / power
     detail, of_b = (side[1:-1, 1:-1] - _means_of_nine(side) for side in (change, b))
     added = float((change[1:-1, 1:-1] * of_b).sum() / (change[1:-1, 1:-1] * detail).sum())
     if shared > _UNLIKE_NEIGHBOURS or added > _MORE:
