@@ -204,7 +204,8 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
         if not evidence.is_linear:  # programs filter light, or what is stored
             frame = min(frames, key=lambda each: each.filtered[0])
         yield from _filtered_in_parts(frame)
-        yield from _resized(frame)
+        if not all(name.endswith("A") for name in evidence.names):  # soft edges tell no size
+            yield from _resized(frame)
         yield from _denoised(frame)
 
 
