@@ -17,6 +17,7 @@ from defocus_core.renderer.compiled.carried import CHANNELS, carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.look import DepthLook, look_at_depth, look_at_light
 from defocus_core.renderer.compiled.mixed import set_light, split_mixed
+from defocus_core.renderer.compiled.openings import left_share
 from defocus_core.renderer.compiled.shifts import may_be_shifted
 from defocus_core.renderer.engine.settings import quality_of
 from defocus_core.renderer.inpainting.disocclusion import EDGE
@@ -176,10 +177,11 @@ def _bounds(statistics: Statistics, count: int, settings: Settings) -> Bounds:
     slack = [_SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
     more = _OVERSHOOT * (greatest - least)
     limits = least - slack[0], greatest + slack[1], least - more, greatest + more
-    range_, left, pair = np.stack(limits, 1).astype(np.float32), 0.5, settings.dual_pixel
-    if settings.left_right and settings.aperture.blades:  # a disc has equal halves
-        from defocus_core.renderer.engine.frame import Division
-
-        left = float(Division.from_aperture(settings.aperture, 1, pair).left_fraction)
     negative = (statistics.minimum - _NEGLIGIBLE * statistics.limit) / unit
-    return Bounds(range_, statistics.minimum / unit, negative, left, float(pair.separation))
+    return Bounds(
+        range=np.stack(limits, 1).astype(np.float32),
+        minimum=statistics.minimum / unit,
+        negative=negative,
+        left=left_share(settings.aperture.fixed.outline),
+        apart=float(settings.dual_pixel.separation),
+    )

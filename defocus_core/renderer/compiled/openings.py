@@ -19,8 +19,8 @@ STEPS, HALF = 16, off_round(0.5)
 # moment of the blur, as the slices of the torch back. Up to SHARP it is a point.
 NEAR, SHARP, SOFT = (0.75, 1.5), 0.15, 0.25
 FIRST, SECOND = (round(r * STEPS) for r in NEAR)
-# Heights at which the chords of a row are averaged, and corners of the arc between two vertices.
-_CHORDS, _CORNERS = 8, 16
+# Heights at which the chords of an opening are summed, and corners of the arc of a blade.
+_HEIGHTS, _CORNERS = 1 << 10, 16
 # Intervals of the width of an opening between which areas are interpolated, and heights in each.
 _AREAS, _PER_AREA = 128, 4
 
@@ -46,11 +46,16 @@ def has_spans(outline: Outline) -> bool:
 def opening(outline: Outline, reach: int) -> Opening:
     """An opening that `has_spans`, up to a radius of `reach` px."""
     n, reach = reach * STEPS + 2, reach + 1
-    radii = np.maximum(np.arange(n) / STEPS, NEAR[0])[:, None, None]
-    y = np.arange(-reach, reach + 1)[:, None] + (np.arange(_CHORDS) + 0.5) / _CHORDS - 0.5
-    begin, end = (radii * x for x in _chords(outline, y / radii))
-    width = (end - begin).mean(2)
-    middle = ((end * end - begin * begin) / 2).mean(2) / np.maximum(width, 1e-9)
+    radii = np.maximum(np.arange(n) / STEPS, NEAR[0])[:, None]
+    places = np.linspace(-1, 1, _HEIGHTS + 1)
+    begin, end = _chords(outline, (places[1:] + places[:-1]) / 2)
+    rows = (np.arange(-reach, reach + 2) - 0.5) / radii
+    width, moment = (
+        np.diff(np.interp(rows, places, np.append(0, each.cumsum()) * (2 / _HEIGHTS)))
+        for each in (end - begin, (end * end - begin * begin) / 2)
+    )
+    width *= radii * radii
+    middle = moment * radii**3 / np.maximum(width, 1e-9)
     ahead, behind = middle - width / 2, middle + width / 2
     beyond = np.stack([ahead, behind], -1)
     spans = np.stack([-beyond[:, ::-1, ::-1], beyond]).astype(np.float32)
@@ -76,6 +81,20 @@ def areas_below(outline: Outline) -> NDArray[np.float32]:
     np.clip(places - begin, 0, end - begin).sum(1).cumsum(0, out=below[1:])
     shares: NDArray[np.float32] = (below / below[-1, -1]).astype(np.float32)
     return shares
+
+
+def left_share(outline: Outline) -> float:
+    """The share of an opening that `has_spans` whose lens points are u.x < 0."""
+    shape = outline.outline if isinstance(outline, Squeezed) else outline
+    if isinstance(shape, Disc):
+        return 0.5
+    assert isinstance(shape, Polygon | CurvedPolygon)
+    x, y = _corners(shape)
+    after, down = np.roll(x, -1), np.roll(y, -1) - y
+    low, high = np.minimum(x, after), np.maximum(x, after)
+    crossing = np.minimum(low, 0) ** 2 / (2 * np.minimum(low - high, -1e-12))
+    left = np.where(high > 0, crossing, (low + high) / 2)  # means of min(x, 0) along the rim
+    return abs(float(left @ down)) / abs(float((x + after) @ down) / 2)
 
 
 def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
