@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # Share of the available memory that a process takes without --memory.
 SHARE = 0.8
 # Memory for the smallest picture; and for others, as a multiple of their arrays.
-_LEAST_MB, _USUAL = 160.0, 2.0
+_LEAST_MB, _USUAL = 160.0, 4.0
 # Memory of the code of libraries, which is loaded on first use.
 _OF_CALLS_MB = 32.0
 # Memory of torch and of the modules that use it, which are loaded where compiled loops do not do.
