@@ -1,8 +1,6 @@
 """Diagnosis of a depth map: noise, anti-aliased, soft or ramped edges, quantised levels.
 
 A depth map that was filtered like colours, or resized, holds depths at which there is no surface.
-Averages are spread evenly over an edge, so the mean of their places tells which quantity was
-averaged, distance or disparity.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from defocus_core.depth.ramps import (
     MINIMUM,
     STEEP,
     DistanceScale,
-    distance_of,
     distance_scale,
     hard_steps,
     reduced,
@@ -45,28 +42,15 @@ ABRUPT, AVERAGE, FLAT = 0.5, 0.1, 0.1
 FEWEST, EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
 
 
-def averages(band: Tensor, rows: tuple[int, int], infinity: float | None) -> Tensor:
-    """Counts [2, 4] of averages on edges along rows and columns.
+def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
+    """Counts [3] of averages on narrow edges along rows and columns, of wide edges, of hard steps.
 
-    The first row of the result counts averages of disparity, the second averages of distance: the
-    averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
-    edges, and the hard steps.
-
-    `band`: [h, W] px, the counted rows and the three rows of the frame above and below; `infinity`:
-    signed radius in px at infinity; None if that is not known.
+    `band`: [h, W] px, the counted rows and the three rows of the frame above and below.
     """
-    counts = band.new_zeros((2, 4), dtype=torch.float64)
     radii = _runs(band, rows, slice(0, 2 * _BESIDE + 1, 2 * _BESIDE), 2 * _BESIDE + 1)
-    steps = _runs(band, rows, slice(1, 3), 4)
-    for quantity, limit in enumerate((math.inf, infinity)):
-        if limit is not None:
-            before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
-            hard = torch.maximum(before, after) < FLAT * step
-            position, average, wide = _on_edges(_as_averaged(radii, limit))
-            each = torch.stack([average.to(position), position * average, wide.to(position)], 1)
-            counts[quantity, :3] = each.sum(0, dtype=torch.float64)
-            counts[quantity, 3] = hard.sum()
-    return counts
+    before, step, after = _runs(band, rows, slice(1, 3), 4).diff(dim=1).abs().unbind(1)
+    hard = torch.maximum(before, after) < FLAT * step
+    return torch.stack([each.sum() for each in (*_on_edges(radii), hard)])
 
 
 def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tensor:
@@ -83,36 +67,20 @@ def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tenso
     return torch.cat(every)
 
 
-def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) -> float | None:
-    """The quantity that was averaged on the edges of a frame.
+def are_averaged(counts: list[float], soft: int) -> bool:
+    """Whether most edges of a frame are averages, neither hard nor soft.
 
-    `counts`: [2, 4], the sum of `averages` over the frame; `infinity`: signed radius in px at
-    infinity; None if that is not known; `soft`: number of pixels of the frame on edges
-    that are several px wide. Returns `infinity` for distance, math.inf for disparity, None if edges
-    are mostly hard or soft.
+    `counts`: [3], the sum of `averages` over the frame; `soft`: number of pixels of the frame on
+    edges that are several px wide.
     """
-    maximum, _, wide, _ = max(counts)
-    if maximum <= max(_WIDER * wide, FEWEST, _SOFTER * soft):
-        return None
-    off_middle = [
-        (abs(position / count - 0.5), limit)
-        for (count, position, _, hard), limit in zip(counts, (math.inf, infinity), strict=True)
-        if count > EACH * hard
-    ]
-    return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
+    average, wide, hard = counts
+    return average > max(_WIDER * wide, FEWEST, _SOFTER * soft, EACH * hard)
 
 
-def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
-    """Radii as disparity, or as distance if the radius of infinity is finite, in any unit."""
-    return radii if math.isinf(infinity) else distance_of(radii, infinity)
-
-
-def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The places of the middle ones of 7 values [m, 7] on an edge.
+def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
+    """Where the middle ones of 7 values [m, 7] are on a narrow edge, and on a wide one: [m] bool.
 
     On an edge the values go up only or down only, and level off at an end.
-
-    Returns [m] places from 0 to 1; [m] bool, on a narrow edge; [m] bool, on a wide edge.
     """
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
@@ -125,7 +93,7 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     on_edge &= (minimum >= -level) | (maximum <= level)
     on_edge &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
     abrupt = within > ABRUPT * whole
-    return position, on_edge & abrupt, on_edge & ~abrupt
+    return on_edge & abrupt, on_edge & ~abrupt
 
 
 # Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
@@ -152,7 +120,7 @@ class _BandEvidence(NamedTuple):
     softest: Tensor  # slope in px per px of the steepest soft edge
     ramps: Tensor  # number of pixels on steep ramps, wide or not
     steps: Tensor  # [2, 4], from `steps_of`
-    averages: Tensor  # [2, 4], from `averages`
+    averages: Tensor  # [3], from `averages`
 
 
 class DepthRepair(NamedTuple):
@@ -160,8 +128,7 @@ class DepthRepair(NamedTuple):
 
     Attributes:
         noise: Standard deviation in px of noise, which is smoothed; None for no noise.
-        antialiased: For edges of averages: the signed radius in px at infinity if they average
-            distance, infinity if they average disparity; None if edges are no averages.
+        antialiased: Whether edges are averages of both surfaces.
         soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
             or averages; None where most are hard.
         wide_edges: The same for the picture reduced to a common size, at which a network drew its
@@ -177,7 +144,7 @@ class DepthRepair(NamedTuple):
     """
 
     noise: float | None = None
-    antialiased: float | None = None
+    antialiased: bool = False
     soft_edges: float | None = None
     ramps: bool = False
     edge_shifts: EdgeShifts | None = None
@@ -202,7 +169,7 @@ def diagnosed(
     that is not known; `noise`: standard deviation in px of the noise that was smoothed; None to
     look for noise.
     """
-    found = _found(signed_radius, infinity, threads)
+    found = _found(signed_radius, threads)
     if noise is None:
         noise = noise_from([round(count) for count in found["scatter"]])
         if noise is not None:
@@ -211,12 +178,12 @@ def diagnosed(
     return _with_wide_edges(repair, signed_radius, found, infinity)._replace(noise=noise)
 
 
-def _found(signed_radius: Tensor, infinity: float | None, threads: int) -> dict[str, list[float]]:
+def _found(signed_radius: Tensor, threads: int) -> dict[str, list[float]]:
     """The evidence of radii [H, W] px, by name."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
 
     def evidence(rows: tuple[int, int]) -> _BandEvidence:
-        return _evidence(signed_radius, rows, dtype, infinity)
+        return _evidence(signed_radius, rows, dtype)
 
     return _fetched(list(threaded(evidence, bands(signed_radius), threads)))
 
@@ -237,11 +204,11 @@ def _with_wide_edges(
         return repair
     infinity = None if infinity is None else infinity / by
     small = reduced(signed_radius, by) / by
-    wide = _repair(small, _found(small, infinity, 1), infinity)
-    if wide.soft_edges is None or wide.antialiased is not None:
+    wide = _repair(small, _found(small, 1), infinity)
+    if wide.soft_edges is None or wide.antialiased:
         return repair
-    if repair.antialiased is not None:  # the ends of wide ramps look like averages
-        repair = repair._replace(antialiased=None, soft_edges=None)
+    if repair.antialiased:  # the ends of wide ramps look like averages
+        repair = repair._replace(antialiased=False, soft_edges=None)
     repair = repair._replace(wide_edges=wide.soft_edges)
     if repair.soft_edges is not None or wide.edge_width is None:
         return repair
@@ -262,9 +229,7 @@ def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
     return {name: list(islice(values, len(each))) for name, each in together.items()}
 
 
-def _evidence(
-    signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
-) -> _BandEvidence:
+def _evidence(signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
     above = min(rows[0], _AROUND)
     around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
@@ -272,13 +237,13 @@ def _evidence(
     within = slice(*band)
     r, steps = around[within], [around.diff(dim=dim) for dim in (-2, -1)]
     sizes, limits = [step.abs() for step in steps], range_of(r)
-    softest, averaged = limits.new_zeros(()), limits.new_zeros((2, 4), dtype=torch.float64)
+    softest, averaged = limits.new_zeros(()), limits.new_zeros(3, dtype=torch.long)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
     greatest = [size.amax() for size in sizes if size.numel()]
     if greatest and float(torch.stack(greatest).amax()) > MINIMUM:
         slope = steepness(around)
         softest, ramps = softness(slope)[within].amax(), (slope[within] > STEEP).sum()
-        averaged = averages(around, band, infinity)
+        averaged = averages(around, band)
     scatter, counts = scatter_counts(steps, band), steps_of([size[within] for size in sizes])
     return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)
 
@@ -296,10 +261,10 @@ def _repair(
         soft, width, scale = _soft_edges(
             signed_radius, slope, distance_scale(minimum, maximum, infinity)
         )
-    averaged, steps = ([each[:4], each[4:]] for each in (found["averages"], found["steps"]))
-    antialiased = averaged_from(averaged, infinity, soft)
+    steps = [found["steps"][:4], found["steps"][4:]]
+    antialiased = are_averaged(found["averages"], soft)
     soft_edges = slope if soft else None
-    if antialiased is not None:
+    if antialiased:
         soft_edges = max(MINIMUM, _AVERAGED * slope)
     # a few ramps among many hard edges are surfaces that are seen between two others
     has_ramps = ramps > 0 and int(hard_steps(signed_radius.detach(), STEEP)) <= RARE * ramps
@@ -308,8 +273,8 @@ def _repair(
         ramps=softest > STEEP or has_ramps,
         soft_edges=soft_edges,
         quantised=are_few(steps, signed_radius),
-        edge_width=width if soft and antialiased is None else None,
-        ramps_of=scale if antialiased is None else None,
+        edge_width=width if soft and not antialiased else None,
+        ramps_of=None if antialiased else scale,
     )
 
 

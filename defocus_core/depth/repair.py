@@ -141,7 +141,7 @@ def check_repair(depth_repair: str, edge_width: float | None) -> None:
 
 def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[float, float | None]]:
     """Least slope and greatest width of the ramps that become steps, one kind after another."""
-    averaged = repair.antialiased is not None
+    averaged = repair.antialiased
     if repair.soft_edges is not None:
         yield repair.soft_edges, AVERAGED if averaged else edge_width
     if repair.ramps and (repair.soft_edges is None or averaged):
@@ -157,7 +157,7 @@ def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> De
     minimum, maximum = range_of(radii.detach()).tolist()
     slope = slope_of_soft_edges(minimum, maximum, radii.shape)
     slope = min(slope, (maximum - minimum) / (_SMALL_STEPS * edge_width))
-    repair = repair._replace(antialiased=None, wide_edges=None)
+    repair = repair._replace(antialiased=False, wide_edges=None)
     return repair._replace(soft_edges=slope, ramps=True, edge_width=edge_width)
 
 

@@ -6,7 +6,6 @@ disparity. So thresholds in px of radius go with this factor.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,13 +33,11 @@ def repair_through(repair: DepthRepair, factor: float, infinity: float | None) -
     `factor`: radii through that lens as multiples of those through the lens of the frame;
     `infinity`: signed radius in px at infinity; None if that is not known.
     """
-    shifts, averaged, ramps_of = repair.edge_shifts, repair.antialiased, repair.ramps_of
-    is_of_distance = averaged is not None and not math.isinf(averaged)
+    shifts, ramps_of = repair.edge_shifts, repair.ramps_of
     if ramps_of is not None and infinity is not None:
         ramps_of = ramps_of.rescaled(factor, infinity)
     return repair._replace(
         noise=None if repair.noise is None else repair.noise * factor,
-        antialiased=infinity if is_of_distance else averaged,
         soft_edges=_slope_through(repair.soft_edges, factor),
         wide_edges=_slope_through(repair.wide_edges, factor),
         edge_shifts=None if shifts is None else shifts._replace(step=shifts.step * factor),

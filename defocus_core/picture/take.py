@@ -242,8 +242,8 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
         return None
     kinds = {
         "noise": repair.noise is not None,
-        "anti-aliased": repair.antialiased is not None,
-        "soft-edges": repair.least_slope is not None and repair.antialiased is None,
+        "anti-aliased": repair.antialiased,
+        "soft-edges": repair.least_slope is not None and not repair.antialiased,
         "ramps": repair.ramps and repair.least_slope is None,
         "displaced-edges": repair.edge_shifts is not None,
         "few-levels": repair.quantised,

@@ -83,9 +83,9 @@ def render(
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, 16 at least; another side changes results in the last digits.
-        infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
-            distinguishes averages of distance from averages of disparity. None takes all for
-            averages of disparity. One for each picture where lenses differ.
+        infinity: Signed radius in px of infinitely far surfaces: by it edges are seen that are soft
+            in distance. None takes all for soft in disparity. One for each picture where lenses
+            differ.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is.
         edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says

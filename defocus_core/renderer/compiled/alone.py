@@ -46,7 +46,7 @@ def needs_no_repair(surface: Surface, settings: Settings) -> bool:
 
     compile_once()
     image, radius = _arrays_of(surface)
-    return is_clean(image, radius, look_at(radius, settings))
+    return is_clean(image, radius, look_at(radius))
 
 
 def _arrays_of(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -59,10 +59,9 @@ class ArrayViews(NamedTuple):
     stats: dict[str, int]  # counts, as of `ViewTensors`
 
 
-def look_at(radius: NDArray[np.float32], settings: Settings) -> DepthLook:
+def look_at(radius: NDArray[np.float32]) -> DepthLook:
     """The statistics of signed radii [H, W] in px."""
-    infinity = math.inf if settings.infinity is None else settings.infinity
-    return DepthLook(*look_at_depth(radius, infinity, reduction(radius.shape)))
+    return DepthLook(*look_at_depth(radius, reduction(radius.shape)))
 
 
 def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: DepthLook) -> bool:
@@ -79,7 +78,7 @@ def rendered_alone(
 
     Its settings must be carried.
     """
-    seen, is_exact = look_at(radius, settings), settings.depth_repair == "off"
+    seen, is_exact = look_at(radius), settings.depth_repair == "off"
     if not seen.usable or not (is_exact or seen.clean):
         return None
     if plane_of(*seen.range) is not None or _is_cut(radius):

@@ -30,11 +30,10 @@ class DepthLook(NamedTuple):
 
 
 @entry
-def look_at_depth(radius, infinity, by):
+def look_at_depth(radius, by):
     """Look at radii [H, W] px: the fields of `DepthLook`.
 
-    infinity: signed radius at infinite depth, or infinite if that is not known; by: ratio of the
-    size to that of a picture in which all ramps are examined.
+    by: ratio of the size to that of a picture in which all ramps are examined.
     """
     height, width = radius.shape
     least, most, step, usable = F32(np.inf), F32(-np.inf), F32(0), True
@@ -53,7 +52,7 @@ def look_at_depth(radius, infinity, by):
     of_small = min(ramps.STEEP, max(ramps.MINIMUM, (most - least) / by / small))
     clean = usable and not _is_noisy(radius) and not _is_quantised(radius)
     clean = clean and (step <= ramps.MINIMUM or _has_no_ramps(radius, min(steep, of_small)))
-    clean = clean and (step <= diagnosis.MATTERS / 6 or _are_no_averages(radius, infinity))
+    clean = clean and (step <= diagnosis.MATTERS / 6 or _are_no_averages(radius))
     return (least, most), step, usable, clean, ramps.HARD_STEP * steep
 
 
@@ -198,10 +197,10 @@ def _is_hard(values):
 
 
 @compiled
-def _are_no_averages(radius, infinity):
-    """Whether few pixels on edges lie between both surfaces, in disparity and in depth."""
+def _are_no_averages(radius):
+    """Whether few pixels on edges lie between both surfaces, such as averages."""
     height, width = radius.shape
-    counts, hard, values = np.zeros(2, np.int64), np.zeros(2, np.int64), np.empty(7, np.float32)
+    count, hard, values = 0, 0, np.empty(7, np.float32)
     for y in range(height):
         for x in range(width):
             for axis in range(2):
@@ -211,20 +210,14 @@ def _are_no_averages(radius, infinity):
                     continue
                 if abs(radius[y0 + 6 * dy, x0 + 6 * dx] - radius[y0, x0]) <= F32(diagnosis.MATTERS):
                     continue
-                for quantity in range(2 if infinity < np.inf else 1):
-                    for k in range(7):
-                        r = radius[y0 + k * dy, x0 + k * dx]
-                        if quantity:
-                            r = F32(1) / max(F32(infinity) - r, F32(ramps.INFINITE))
-                        values[k] = r
-                    counts[quantity] += _is_average(values)
-                    if abs(radius[y0 + 4 * dy, x0 + 4 * dx] - radius[y, x]) > F32(
-                        diagnosis.MATTERS
-                    ):
-                        beside = max(abs(values[3] - values[2]), abs(values[5] - values[4]))
-                        hard[quantity] += beside < F32(diagnosis.FLAT) * abs(values[4] - values[3])
-    is_rare = counts[0] <= diagnosis.EACH * hard[0] and counts[1] <= diagnosis.EACH * hard[1]
-    return is_rare or max(counts[0], counts[1]) <= diagnosis.FEWEST
+                for k in range(7):
+                    values[k] = radius[y0 + k * dy, x0 + k * dx]
+                count += _is_average(values)
+                step = abs(values[4] - values[3])
+                if step > F32(diagnosis.MATTERS):
+                    beside = max(abs(values[3] - values[2]), abs(values[5] - values[4]))
+                    hard += beside < F32(diagnosis.FLAT) * step
+    return count <= max(diagnosis.FEWEST, diagnosis.EACH * hard)
 
 
 @compiled

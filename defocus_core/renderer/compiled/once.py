@@ -38,7 +38,7 @@ def render_everything() -> None:
     radius = np.where(np.arange(_SIZE[0])[:, None] % 16 < 8, x, -3)
     image = np.random.default_rng(0).random((3, *_SIZE), np.float32)
     look_at_light(image)
-    look_at_depth(radius, 1e3, 1)
+    look_at_depth(radius, 1)
     may_be_shifted(image, radius, np.float32(2))
     bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.0, 0.5, 1.0)
     channels = ((0.0, 1.0),) * len(image)

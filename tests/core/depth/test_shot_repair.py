@@ -1,5 +1,3 @@
-import math
-
 import torch
 from renderers import renderer_of
 
@@ -25,12 +23,6 @@ def test_most_frames_decide_on_a_repair_and_thresholds_are_medians():
     assert agreed == DepthRepair(noise=0.3)
     assert agreed_repair([noisy, fine, fine]) == fine
     assert agreed_repair([noisy, fine]) == DepthRepair()
-
-
-def test_averages_of_distance_have_the_infinity_of_each_lens():
-    assert repair_through(DepthRepair(antialiased=7.0), 1.0, 4.5).antialiased == 4.5
-    of_disparity = DepthRepair(antialiased=math.inf)
-    assert repair_through(of_disparity, 2.0, 4.5) == of_disparity
 
 
 def test_soft_and_shifted_edges_scale_with_the_lens():
