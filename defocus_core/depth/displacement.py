@@ -79,8 +79,10 @@ _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # A picture of hard edges is shifted if the median displacement is so many px, and if such a share
 # of the votes lie within a px of it.
 _BIASED, _AGREED = 0.75, 0.6
-# Half a px, so that averages of whole displacements are no ties.
-_HALF = 0.4937
+# Px by which the middle of a pixel may lie beyond a moved edge of the nearer surface and is of it:
+# less than half, for a sharp pixel of both surfaces stands out of blur; no round number, so that
+# averages of whole displacements are no ties.
+_REST = 0.2437
 # Bytes that a profile takes while it is examined.
 _BYTES_EACH = 1 << 13
 
@@ -219,7 +221,7 @@ def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tenso
     """Radii [H, W] px with a silhouette moved by px [n]."""
     radii, at = signed_radius.detach(), silhouette.at
     H, W = radii.shape
-    if not float(shift.abs().amax()) > _HALF:
+    if not float(shift.abs().amax()) > _REST:
         return signed_radius
     flat, taken = radii.flatten(), signed_radius.flatten()
     # the median beyond an edge, for beside it a speck may lie; what is nearer there shows no tear
@@ -236,9 +238,9 @@ def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tenso
     own = flat[index]
     is_near = own < halfway(flat[near][owner], flat[far][owner])
     inwards = torch.where(is_near, distance, -distance)  # px within the nearer surface
-    wants_near = inwards > shift[owner] - _HALF
+    wants_near = inwards > shift[owner] - _REST
     source = torch.where(wants_near, near[owner], far[owner])
-    moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1 + _HALF)
+    moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1 + _REST)
     shifted = taken.index_copy(0, index, taken[torch.where(moves, source, index)])
     return shifted.reshape(H, W)
 
