@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import link_or_copy, written_together
+from defocus_core.picture.grain import grain_of, grained
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, apply_steps
 from defocus_core.picture.take import Contents, Take, repair_words
@@ -295,25 +296,29 @@ def _of_any_lens(lens: LensValues) -> dict[str, str]:
 
 def add_noise(contents: Contents) -> Contents:
     """The rendered planes with sensor noise, except alpha."""
-    lens, job, kind = contents.take.lens, contents.take.job, contents.kind
-    assert lens.noise is not None
-    electrons, read = lens.noise
-    channels = contents.take.inputs.color.channels
-    planes = []
+    take, kind, channels = contents.take, contents.kind, contents.take.inputs.color.channels
+    lens, job, planes = take.lens, take.job, []
+    grain = grain_of(take) if isinstance(lens.noise, str) else None
     for number, plane in enumerate(contents.planes):
-        view, name = kind.rendered[number // len(channels)], channels[number % len(channels)]
-        light = electrons / 2 if KINDS[view].halves else electrons
-        words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {name}"
-        planes.append(plane if name == "A" else _noisy(plane, light, read, words))
+        view, channel = kind.rendered[number // len(channels)], number % len(channels)
+        words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {channels[channel]}"
+        seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
+        is_half = KINDS[view].halves
+        if channels[channel] == "A":
+            planes.append(plane)
+        elif grain is not None:
+            planes.append(grained(plane, grain[channel], take.shown, seed, is_half=is_half))
+        else:
+            electrons, read = cast(tuple[float, float], lens.noise)
+            planes.append(_noisy(plane, electrons / 2 if is_half else electrons, read, seed))
     return contents._replace(planes=tuple(planes))
 
 
-def _noisy(plane: Any, electrons: float, read: float, words: str) -> NDArray[Any]:
+def _noisy(plane: Any, electrons: float, read: float, seed: int) -> NDArray[Any]:
     import torch
 
     from defocus_core.optics.sensor_noise import with_noise
 
-    seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
     light = torch.from_numpy(plane.astype("float32"))[None]
     noisy: NDArray[Any] = with_noise(light, electrons=electrons, read=read, seed=seed)[0].numpy()
     return clamped_half(noisy)[0] if plane.dtype == np.float16 else noisy

@@ -58,7 +58,8 @@ class LensValues:
     dp_model: str = "split"
     dp_kernels: Path | None = None  # measured kernels of the photodiodes, instead of a model
     dp_crosstalk: float = 0.0
-    noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
+    # electrons of a light of 1, and of read noise; or that of the photograph
+    noise: tuple[float, float] | str | None = None
     noise_seed: int = 0
     draw: Draw | None = None  # of a random lens
     # place of the option of the focus, for errors

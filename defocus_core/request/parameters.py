@@ -414,9 +414,9 @@ _ROWS = (
     LensParam(
         name="noise",
         parse=quantities.noise,
-        metavar="ELECTRONS:READ",
+        metavar="match|ELECTRONS:READ",
         help="Sensor noise, like 4000:3: electrons at a light of 1, which set the shot noise, and "
-        "electrons of read noise.",
+        "electrons of read noise. match: what is blurred gets the noise of the photograph.",
         tag="noise",
         example="4000:3",
         separator=":",

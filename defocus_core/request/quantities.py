@@ -330,16 +330,24 @@ rim = _pair(  # radius and distance of the rim, in radii of the opening
 _electrons = partial(
     quantity, "a number of electrons", _ELECTRONS, {"": 1, "e": 1}, most=_MAX_ELECTRONS
 )
-noise = _pair(  # electrons at a light of 1, and of read noise
+_sensor = _pair(  # electrons at a light of 1, and of read noise
     _electrons(least=1 / _MAX_ELECTRONS),
     _electrons(least=0),
     "not a sensor noise",
-    f"write ELECTRONS:READ, {_ELECTRONS}",
+    f"write match, or ELECTRONS:READ, {_ELECTRONS}",
 )
+# The noise of the photograph itself.
+MATCH = "match"
 _shift = quantity("a focus shift", "like 0.1mm", _MM, least=-10, most=10)
 _share = quantity("a share of the blur", "like 0.1", least=-1, most=1)
 _LIKE = "no RED:BLUE", "write it like 0.1mm:0.05mm"
 _shifts, _shares = _pair(_shift, _shift, *_LIKE), _pair(_share, _share, *_LIKE)
+
+
+def noise(text: str) -> tuple[float, float] | str:
+    """Electrons of a light of 1 and of read noise, from ``4000:3``; or ``match``."""
+    word = text.strip().lower()
+    return word if word == MATCH else _sensor(text)
 
 
 def highlights(text: str) -> tuple[float, float] | None:

@@ -1,0 +1,88 @@
+"""The noise of a photograph, given to what a blur has made smooth.
+
+It is measured where the photograph is sharp and flat, by brightness: its variance is that of a
+sensor, a + b L at the light L. A blur of radius r leaves about 1 / (pi r²) of it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.errors import InputError
+from defocus_core.io.exr.writing import clamped_half
+from defocus_core.picture.take import Take
+
+# Sides in px of the squares in which noise is measured; radius in px up to which one is sharp.
+_SIDE, _SHARP = 8, 0.5
+# Light beyond which a photograph is clipped or black, and the squares that are enough.
+_BLACK, _WHITE, _ENOUGH = 0.002, 0.9, 16
+# Brightnesses that are looked at; the share of their squares that may be flat, and how much
+# greater than the greatest variance of these the noise is, of white noise.
+_BINS, _FLAT, _GREATER = 12, 0.25, 1.32
+
+
+def grain_of(take: Take) -> list[tuple[float, float]]:
+    """The variance a + b L of the noise in each channel of colour, as (a, b)."""
+    color = take.inputs.color
+    sharp = _squares(np.abs(take.shown)).max(1) <= _SHARP
+    found = [_variance(np.asarray(plane, np.float32), sharp) for plane in color.light]
+    if any(each is None for each in found):
+        problem = "has no sharp place that is flat enough to measure its noise"
+        remedy = "give the noise as ELECTRONS:READ, like 4000:3"
+        raise InputError("empty", problem, remedy, path=color.path)
+    return [each for each in found if each is not None]
+
+
+def grained(
+    plane: Any, noise: tuple[float, float], radius: Any, seed: int, *, is_half: bool
+) -> NDArray[Any]:
+    """A plane [H, W] with the noise that its blur of radii [H, W] px has taken.
+
+    `noise`: its variance, as of `grain_of`; `is_half`: whether it is seen by half of the lens.
+    """
+    light = np.asarray(plane, np.float32)
+    averaged = np.maximum(math.pi * np.square(radius) / (2 if is_half else 1), 1)
+    variance = (noise[0] + noise[1] * light.clip(min=0)) * (1 - 1 / averaged)
+    random = np.random.default_rng(seed).standard_normal(light.shape, np.float32)
+    noisy = (light + np.sqrt(variance) * random).astype(np.float32)
+    return clamped_half(noisy)[0] if plane.dtype == np.float16 else noisy
+
+
+def _variance(light: NDArray[np.float32], sharp: NDArray[np.bool_]) -> tuple[float, float] | None:
+    """A and b of the variance of noise in light [H, W]; None if it cannot be measured.
+
+    Differences of second order leave noise alone where light is flat or a slope (Immerkaer, "Fast
+    noise variance estimation", 1996).
+    """
+    across = light[:, :-2] - 2 * light[:, 1:-1] + light[:, 2:]
+    rough = np.zeros_like(light)
+    rough[1:-1, 1:-1] = (across[:-2] - 2 * across[1:-1] + across[2:]) / 6
+    level, variance = _squares(light).mean(1), np.square(_squares(rough)).mean(1)
+    usable = sharp & (level > _BLACK) & (_squares(light).max(1) < _WHITE) & (variance > 0)
+    if np.count_nonzero(usable) < _ENOUGH:
+        return None
+    level, variance = level[usable], variance[usable]
+    order = np.argsort(level)
+    levels, noises = [], []
+    for some in np.array_split(order, min(_BINS, len(order) // _ENOUGH)):
+        levels.append(float(level[some].mean()))
+        noises.append(_GREATER * float(np.quantile(variance[some], _FLAT)))
+    x, y = np.array(levels), np.array(noises)
+    weights = 1 / y  # the error of a variance grows with it
+    b, a = np.polyfit(x, y, 1, w=weights) if len(x) > 1 else (0.0, y[0])
+    if a < 0:
+        a, b = 0.0, np.average(y / x, weights=x * weights)
+    if b < 0:
+        a, b = np.average(y, weights=weights), 0.0
+    return float(a), float(b)
+
+
+def _squares(plane: NDArray[Any]) -> NDArray[Any]:
+    """The squares [n, pixels] of a plane [H, W], without what is left at its right and below."""
+    rows, columns = (n // _SIDE for n in plane.shape)
+    cut = plane[: rows * _SIDE, : columns * _SIDE].reshape(rows, _SIDE, columns, _SIDE)
+    return cut.swapaxes(1, 2).reshape(rows * columns, _SIDE * _SIDE)
