@@ -18,15 +18,12 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
-import torch
-from torch import Tensor
-from torch.nn.functional import pad
-
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, Part
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT, slice_before, slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.validation import Scalar
 
@@ -72,7 +69,9 @@ def _many_around(mask: Tensor) -> Tensor:
         n = mask.shape[dim]
         position = torch.arange(n, device=mask.device)
         first, end = (position - HALF_WIDTH).clamp(min=0), (position + HALF_WIDTH + 1).clamp(max=n)
-        sums = pad(count.cumsum(dim, dtype=torch.int32), (1, 0) if dim == -1 else (0, 0, 1, 0))
+        sums = torch.nn.functional.pad(
+            count.cumsum(dim, dtype=torch.int32), (1, 0) if dim == -1 else (0, 0, 1, 0)
+        )
         count = sums.index_select(dim, end) - sums.index_select(dim, first)
         area = area[..., None] * (end - first)
     return count > AREA * area
@@ -195,6 +194,6 @@ def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
     """
     n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
     same = (signed_radius.detach().diff(dim=dim).abs() < SAME).to(color)
-    steps, counts = (pad(x, around) for x in (color.diff(dim=dim) * same, same))
+    steps, counts = (torch.nn.functional.pad(x, around) for x in (color.diff(dim=dim) * same, same))
     total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
     return total / count.clamp(min=1)
