@@ -122,7 +122,7 @@ R --blades 2 → 2 malformed --blades: 2 blades make no opening; give 0 (round) 
 R --obstruction 2 → \
 2 malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 0.4
 R --noise 1000 → \
-2 malformed --noise: '1000' is not a sensor noise; write ELECTRONS:READ, like 4000:3
+2 malformed --noise: '1000' is not a sensor noise; write match, or ELECTRONS:READ, like 4000:3
 R --depth-repair of → 2 unknown-name --depth-repair: 'of' is not known; did you mean off?
 R --depth-format kiti → 2 malformed --depth-format: 'kiti' is not known; did you mean kitti?
 B wide.toml → \
