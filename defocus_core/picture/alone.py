@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def views_alone(take: Take) -> tuple[ViewTensors, float] | None:
-    """The views of a picture, of arrays, and the bound of their memory in MB; None to take torch.
+    """The views of a picture, as arrays, and a bound of their memory in MB.
 
-    No step of its scene applies but the repair of depth, which is exact.
+    None where torch must render: several surfaces, or depth that may need repair.
     """
     from defocus_core.renderer.compiled.carried import (
         CHANNELS,

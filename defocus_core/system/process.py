@@ -50,7 +50,7 @@ def is_torch_loaded() -> bool:
 
 
 def load_torch() -> None:
-    """Import torch, to use one thread for each operation."""
+    """Import torch, and let it use one thread for each operation."""
     with delayed_signals(), imports():
         import torch
     if _TorchThreads.threads is None:
