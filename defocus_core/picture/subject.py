@@ -19,15 +19,10 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
-from defocus_core.io.depth_formats.reading import (
-    DepthReading,
-    holds_gdepth,
-    own_format,
-    require_size,
-)
+from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
-from defocus_core.io.safe_files import is_heic, read_head
+from defocus_core.io.safe_files import read_head
 from defocus_core.request.job import PictureFiles, Reading, reading_through
 from defocus_core.request.lens import LensValues
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
@@ -318,15 +313,13 @@ def size_of(picture: PictureFiles) -> tuple[int, int]:
 
 def is_relative(path: Path, reading: DepthReading) -> bool:
     """Whether a depth file has no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
-    from defocus_core.io.depth_formats.photo_depth import read_gdepth
+    from defocus_core.io.depth_formats.photo_depth import read_jpeg
     from defocus_core.io.images.raster import choose_page
 
     head = read_head(path)
     if reading.says_scale or is_exr(head):
         return reading.relative
-    if is_heic(head):
-        return True
-    if holds_gdepth(path):
-        return "Units" not in read_gdepth(path).metadata
+    if own := own_format(path):
+        return own == "apple-heic" or "Units" not in read_jpeg(path).metadata
     part = choose_page(path, describe(path).parts, reading.part)
     return all(channel.type in ("uint8", "uint16") for channel in part.channels)

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import InputError, Place, UsageProblem
-from defocus_core.io.depth_formats.reading import own_format
-from defocus_core.io.safe_files import missing
+from defocus_core.io.depth_formats.reading import PICTURES, XMP_BYTES, own_format
+from defocus_core.io.safe_files import is_jpeg, missing, read_head
 from defocus_core.io.shots.frame_patterns import (
     ALL,
     FrameChoice,
@@ -195,6 +195,8 @@ def _pair(
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
         if colors.kind == "file" and not holds_both(colors.path):
             problem = "holds no depth beside its colour"
+            if is_jpeg(head := read_head(colors.path, XMP_BYTES)) and PICTURES in head:
+                problem += ": none of the further pictures in it says that it is depth"
             remedy = "give the depth file as a second argument"
             raise InputError("no-depth", problem, remedy, path=colors.path)
     else:

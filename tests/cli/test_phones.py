@@ -4,9 +4,9 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import refused, run, succeed
-from depth_files import dynamic_depth, gdepth, png
+from depth_files import dynamic_depth, gdepth, multi_picture, of_apple, png
 from image_files import save
-from optional_libraries import heic
+from optional_libraries import heic, heic_with_auxiliary
 
 from defocus_core import read_color
 
@@ -79,6 +79,64 @@ def test_dynamic_depth_is_read_behind_the_photograph(by_elements, units, tmp_pat
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "5,5")
     ran = run("render", file, *lens, "-o", tmp_path / "b.jpg")
     assert (ran.code == 0) == (units == "Meters"), ran.err
+
+
+GAIN, PERSON, HAIR = (
+    f"urn:com:apple:photo:{name}"
+    for name in (
+        "2020:aux:hdrgainmap",
+        "2018:aux:portraiteffectsmatte",
+        "2019:aux:semantichairmatte",
+    )
+)
+ENDS = {"FloatMinValue": 0.1, "FloatMaxValue": 2.0}
+
+
+def grey(values):
+    return np.repeat(values[..., None], 3, 2).astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["disparity", "depth"])
+@pytest.mark.parametrize("by_elements", [False, True])
+def test_a_further_picture_of_a_jpeg_is_its_depth_if_it_says_so(kind, by_elements, tmp_path):
+    values = near_left(near=235 if kind == "disparity" else 20)
+    depth = of_apple(kind, by_elements=by_elements, **ENDS), grey(values)
+    file = multi_picture(tmp_path / "a.jpg", detail(), [(of_apple(GAIN), detail()), depth])
+    lens = ("--lens", "@portrait-85", "--sensor-width", "9mm", "--focus-at", "5,5")
+    for words in (BLUR, ("--blur", "8px"), lens):
+        succeed("render", file, *words, "-o", tmp_path / "b.png", "--overwrite")
+        made = pixels(tmp_path / "b.png")
+        assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:]), "the near half is in focus"
+    assert "Apple JPEG depth image" in run("info", file).out
+
+
+@pytest.mark.parametrize("xmp", [of_apple(GAIN), "<x hdrgm:Version='1.0'/>", ""])
+def test_a_gain_map_and_a_second_view_are_no_depth(xmp, tmp_path):
+    file = multi_picture(tmp_path / "a.jpg", detail(), [(xmp, grey(near_left()))])
+    ran = run("render", file, *BLUR, "-o", tmp_path / "out.jpg")
+    refused(ran, 3, "no-depth")
+    assert "none of the further pictures in it says that it is depth" in ran.err
+
+
+def test_mattes_inside_a_photograph_are_its_matte(tmp_path):
+    png(tmp_path / "depth.png", near_left(), np.uint8)
+    matte = np.zeros(SIZE)
+    matte[:, :30] = 255
+    halves = grey(near_left()), grey(matte * 0.5), grey(matte)
+    told = of_apple("disparity", **ENDS), of_apple(PERSON), of_apple(HAIR)
+    jpeg = multi_picture(tmp_path / "a.jpg", detail(), zip(told, halves, strict=True))
+    heic_file = heic_with_auxiliary(tmp_path / "a.heic", detail(), matte, PERSON)
+    for files in ((jpeg,), (heic_file, tmp_path / "depth.png")):
+        said = succeed("render", *files, *BLUR, "-o", tmp_path / "own.png", "--overwrite").err
+        assert "the matte of a person inside it is used" in said
+        made = []
+        for given in (matte, np.roll(matte, 4, 1)):
+            file = png(tmp_path / "matte.png", given, np.uint8)
+            words = ("--matte", file, "-o", tmp_path / "given.png", "--overwrite")
+            succeed("render", *files, *BLUR, *words)
+            made.append(pixels(tmp_path / "given.png"))
+        own, other = (np.abs(pixels(tmp_path / "own.png") - each).mean() for each in made)
+        assert own < 0.25 * other, "as if its matte were given"
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])

@@ -87,3 +87,37 @@ def dynamic_depth(path, depth, *, picture, by_elements, **properties):
     segment = b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
     path.write_bytes(jpeg[:2] + segment + jpeg[2:] + bytes(5) + depth + bytes(3) + b"another")
     return path
+
+
+def multi_picture(path, picture, further, **saved):
+    """A JPEG in the Multi-Picture Format: its further pictures are (XMP, samples)."""
+    save(path, picture, **saved)
+    first, files = path.read_bytes(), []
+    for n, (xmp, samples) in enumerate(further):
+        jpeg = save(path.with_name(f"further{n}.jpg"), samples).read_bytes()
+        body = b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode()
+        files.append(jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + jpeg[2:])
+    fields = struct.pack(">HHI4s", 0xB000, 7, 4, b"0100")
+    fields += struct.pack(">HHII", 0xB001, 4, 1, 1 + len(files))
+    fields += struct.pack(">HHII", 0xB002, 7, 16 * (1 + len(files)), 8 + 2 + 3 * 12 + 4)
+    size = 4 + 4 + 8 + len(fields) + 6 + 16 * (1 + len(files))
+    place, entries = len(first) + size - 2 - 8, struct.pack(">IIIHH", 0x30000, 0, 0, 0, 0)
+    for file in files:
+        entries += struct.pack(">IIIHH", 0, len(file), place, 0, 0)
+        place += len(file)
+    head = b"MM\0*" + struct.pack(">IH", 8, 3) + fields + bytes(4) + entries
+    body = b"MPF\0" + head
+    segment = b"\xff\xe2" + struct.pack(">H", len(body) + 2) + body
+    assert len(segment) == size
+    path.write_bytes(first[:2] + segment + first[2:] + b"".join(files))
+    return path
+
+
+def of_apple(kind, *, by_elements=False, **properties):
+    """The XMP of an auxiliary picture of Apple's."""
+    told = {"AuxiliaryImageType": kind, **properties}
+    if by_elements:
+        inner = "".join(f"<apdi:{name}>{value}</apdi:{name}>" for name, value in told.items())
+        return f"<x:xmpmeta><rdf:Description>{inner}</rdf:Description></x:xmpmeta>"
+    inner = " ".join(f'apdi:{name}="{value}"' for name, value in told.items())
+    return f"<x:xmpmeta><rdf:Description {inner}/></x:xmpmeta>"

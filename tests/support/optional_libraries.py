@@ -1,5 +1,6 @@
 """HDF5 and HEIC files for the tests; what a library cannot write is pretended."""
 
+import struct
 import sys
 from contextlib import contextmanager
 from types import ModuleType, SimpleNamespace
@@ -38,3 +39,21 @@ def heic(depth, picture=None, **metadata):
     file.kept = picture, depth  # which the interfaces do not keep
     module.open_heif = lambda _: file
     return instead("pillow_heif", module)
+
+
+def heic_with_auxiliary(path, picture, image, kind):
+    """A HEIC file with an auxiliary image of a kind: as its alpha is written, under a new name."""
+    pixels = np.dstack([picture, image]).astype(np.uint8)
+    heif = pytest.importorskip("pillow_heif").from_bytes(
+        "RGBA", image.shape[::-1], pixels.tobytes()
+    )
+    heif.save(str(path), quality=95)
+    data, alpha = path.read_bytes(), b"urn:mpeg:hevc:2015:auxid:1"
+    grown = bytearray(data)
+    more = len(kind) - len(alpha)
+    lengths = [data.index(box) - 4 for box in (b"meta", b"iprp", b"ipco", b"auxC")]
+    places = [data.index(b"iloc") + 16 + 18 * item for item in (0, 1)]
+    for at in lengths + places:
+        struct.pack_into(">I", grown, at, struct.unpack_from(">I", data, at)[0] + more)
+    path.write_bytes(bytes(grown).replace(alpha, kind.encode()))
+    return path

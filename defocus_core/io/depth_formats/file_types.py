@@ -24,17 +24,17 @@ from defocus_core.io.array_files import (
 )
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
 from defocus_core.io.depth_formats.jpeg_overshoot import without_overshoot
-from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
+from defocus_core.io.depth_formats.photo_depth import read_heic, read_jpeg
 from defocus_core.io.depth_formats.reading import (
     DepthNumbers,
     DepthReading,
     Mark,
-    holds_gdepth,
+    own_format,
     require_size,
 )
 from defocus_core.io.depth_formats.rules import linear
 from defocus_core.io.depth_formats.sidecars import with_sidecar
-from defocus_core.io.depth_formats.table import DepthFormat
+from defocus_core.io.depth_formats.table import NAMES, OF_PHOTOGRAPHS, DepthFormat
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images import raster
@@ -54,7 +54,7 @@ def other_numbers(
 ) -> DepthNumbers:
     """The numbers of a depth file that is no EXR."""
     row, head = reading.row, read_head(path, 32)
-    is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
+    own = own_format(path) if reading.depth_format is None else row.name
     kind = "" if is_heic(head) else array_type(head)
     if reading.depth_channel is not None and kind not in NAMED:
         problem = f"{path} has no named channels"
@@ -63,8 +63,8 @@ def other_numbers(
         return _from_photo(path, reading, read_heic(path), size)
     if kind:
         return _from_arrays(path, reading, kind, size)
-    if is_jpeg(head) and is_photo:
-        return _from_photo(path, reading, read_gdepth(path), size)
+    if is_jpeg(head) and own in OF_PHOTOGRAPHS:
+        return _from_photo(path, reading, read_jpeg(path), size)
     return _from_picture(path, reading, size)
 
 
@@ -77,7 +77,7 @@ def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Si
     require_size(path, reading, photo.values.shape, size)
     if not reading.relative:
         return photo
-    row = replace(reading.row, sidecar=photo.type.lower())
+    row = replace(reading.row, sidecar=NAMES[own_format(path)].sidecar)
     told = {name: value for name, value in photo.metadata.items() if value is not None}
     row = with_sidecar(row, replace(photo, metadata=_ANY_ENDS | told))
     assert row.ends is not None

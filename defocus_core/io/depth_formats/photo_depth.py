@@ -1,10 +1,13 @@
-"""Depth images inside photographs of phones: HEIC auxiliary depth, and two kinds in JPEG.
+"""Depth and mattes inside photographs of phones: HEIC auxiliary images, and three kinds in JPEG.
 
 GDepth (Google, "Depthmap metadata"): XMP properties, the depth map itself in base64 in the extended
 XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3"). There
 GImage:Data may be the sharp picture, of which the photograph itself is blurred already.
 
 Dynamic Depth (Google, version 1.0): XMP lists files that follow the photograph, and their lengths.
+
+Apple: further pictures of the JPEG (CIPA DC-007, "Multi-Picture Format"), whose own XMP says what
+they are. Others, like gain maps and the second view of a stereo camera, are no depth.
 """
 
 from __future__ import annotations
@@ -13,37 +16,45 @@ import base64
 import re
 import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.depth_formats.jpeg_overshoot import without_overshoot
-from defocus_core.io.depth_formats.reading import DepthNumbers, holds_gdepth
+from defocus_core.io.depth_formats.reading import PICTURES, DepthNumbers, own_format
 from defocus_core.io.images.raster import HEIC_DAMAGE, open_heic, read_pages, read_samples, upright
-from defocus_core.io.safe_files import decoding, quiet, read_head
+from defocus_core.io.safe_files import decoding, is_heic, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
 # Attributes, and elements but for their ends.
 _PROPERTY = re.compile(
-    r"""(?<![/\w])((?:GDepth|GImage|DepthMap|Item):\w+)(?:\s*=\s*["']|>)([^"'<]*)"""
+    r"""(?<![/\w])((?:GDepth|GImage|DepthMap|Item|apdi):\w+)(?:\s*=\s*["']|>)([^"'<]*)"""
 )
 _COUNT = re.compile(r"\d{1,12}")
 _START_OF_SCAN = 0xDA
+_ENTRIES = 0xB002  # tag of the list of pictures
+# By what Apple calls a depth image: its kind in a HEIC, and what the ends are called there.
+_APPLE = {"disparity": (1, "d_min", "d_max"), "depth": (2, "z_near", "z_far")}
+# Ends of what Apple calls mattes: that of a person, and that of hair, which is finer.
+_PERSON, _HAIR = "aux:portraiteffectsmatte", "aux:semantichairmatte"
 
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
     """A file with the sharp picture inside a photograph; itself if it has none of its own."""
-    data = _properties(path).get("GImage:Data") if holds_gdepth(path) else None
+    of_google = own_format(path) == "android-gdepth"
+    data = _properties(path.read_bytes()).get("GImage:Data") if of_google else None
     if data is None:
         yield path
         return
     try:
-        with _unpack(data) as image:
+        with _unpack(base64.b64decode(data)) as image:
             yield image
     except ValueError as error:
         problem = f"has a damaged picture in GImage:Data ({reason(error)})"
@@ -64,39 +75,70 @@ def read_heic(path: Path) -> DepthNumbers:
     return DepthNumbers(path, values, "HEIC", "HEIC depth image", metadata=metadata)
 
 
-def read_gdepth(path: Path) -> DepthNumbers:
-    """The depth image of a JPEG photograph that holds GDepth, turned upright with it."""
-    found = _properties(path).items()
-    metadata = {name[7:]: text for name, text in found if name.startswith("GDepth:")}
-    if "Data" not in metadata:
+def read_jpeg(path: Path) -> DepthNumbers:
+    """The depth image of a JPEG photograph, turned upright with it."""
+    read_head(path)
+    kind, told = "GDepth", _gdepth(path.read_bytes())
+    if own_format(path) == "apple-heic":
+        kind, told = "Apple JPEG", _depth_of_apple(path)
+    if "Data" not in told:
         remedy = "check what took or edited it"
-        raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
+        raise InputError("no-depth", f"has no {kind} depth image", remedy, path=path)
+    values = _decoded(path, told.pop("Data"), f"{kind} image")
+    return DepthNumbers(path, values, kind, f"{kind} depth image", metadata=told)
+
+
+def matte_inside(path: Path) -> NDArray[np.uint8] | None:
+    """The coverage [H, W] of the person in an Apple photograph: its portrait matte, and its hair.
+
+    None if there is no portrait matte.
+    """
+    mattes = {}
+    if is_heic(read_head(path)):
+        file = open_heic(path)
+        with decoding(path, HEIC_DAMAGE), quiet():
+            for name, numbers in (file.info.get("aux") or {}).items():
+                if name.endswith((_PERSON, _HAIR)):
+                    image = file[file.primary_index].get_aux_image(numbers[0])
+                    mattes[name.rpartition(":")[2]] = np.atleast_3d(np.asarray(image))[:, :, 0]
+    else:
+        for name, (_, data) in _pictures_of_apple(path).items():
+            if name.endswith((_PERSON, _HAIR)):
+                mattes[name.rpartition(":")[2]] = _decoded(path, data, "matte")
+    person, hair = (mattes.get(each.partition(":")[2]) for each in (_PERSON, _HAIR))
+    if person is None or hair is None or person.shape != hair.shape:
+        return person
+    finer: NDArray[np.uint8] = np.maximum(person, hair)
+    return finer
+
+
+def _decoded(path: Path, data: bytes, words: str) -> NDArray[Any]:
+    """The numbers [H, W] of an image inside a photograph, turned upright with it."""
     try:
-        with _unpack(metadata.pop("Data")) as image:
+        with _unpack(data) as image:
             values = read_samples(image)[:, :, 0]
             if image.suffix == ".jpg":
                 values = without_overshoot(values)
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
-        problem = f"has a damaged GDepth image ({why})"
+        problem = f"has a damaged {words} ({why})"
         raise InputError("damaged", problem, "copy the photograph again", path=path) from error
-    values = upright(values, read_pages(path)[0].orientation)
-    return DepthNumbers(path, values, "GDepth", "GDepth depth image", metadata=metadata)
+    turned: NDArray[Any] = upright(values, read_pages(path)[0].orientation)
+    return turned
 
 
-def _properties(path: Path) -> dict[str, str]:
-    """The properties GDepth:… and GImage:… of the XMP of a JPEG, and of Dynamic Depth."""
-    read_head(path)
-    data = path.read_bytes()
-    packet = b"".join(_xmp(data)).decode("utf-8", "replace")
-    return dict(_PROPERTY.findall(packet)) | _dynamic_depth(data, packet)
+def _gdepth(data: bytes) -> dict[str, Any]:
+    """What GDepth says of the depth of a JPEG, and its image as `Data`; or what Dynamic Depth does.
 
-
-def _dynamic_depth(data: bytes, packet: str) -> dict[str, str]:
-    """The properties of Dynamic Depth in the words of GDepth; empty if a file has none."""
-    told = {name[9:]: text for name, text in _PROPERTY.findall(packet) if name[:9] == "DepthMap:"}
+    Both in the words of GDepth; empty if a file has neither.
+    """
+    properties = _properties(data)
+    told: dict[str, Any] = {n[7:]: text for n, text in properties.items() if n[:7] == "GDepth:"}
+    if "Data" in told:
+        return told | {"Data": base64.b64decode(told["Data"])}
+    told |= {name[9:]: text for name, text in properties.items() if name[:9] == "DepthMap:"}
     start = len(data)
-    for part in reversed(packet.split("<rdf:li")):
+    for part in reversed(_packet(data).split("<rdf:li")):
         item = {"Item:Semantic": "", "Item:DataURI": ""} | dict(_PROPERTY.findall(part))
         length, padding = (
             int(n) if _COUNT.fullmatch(n := item.get(f"Item:{name}", "")) else 0
@@ -105,35 +147,79 @@ def _dynamic_depth(data: bytes, packet: str) -> dict[str, str]:
         start -= length + padding
         uri = item["Item:DataURI"]
         if item["Item:Semantic"] == "Depth" or (uri and uri == told.get("DepthURI")):
-            told["Data"] = base64.b64encode(data[max(start, 0) :][:length]).decode()
+            told["Data"] = data[max(start, 0) :][:length]
             break
     unit = told.pop("Units", "None")
-    if unit != "None":
-        told["Units"] = {"Meters": "m"}.get(unit, unit)
-    return {f"GDepth:{name}": text for name, text in told.items()}
+    return told if unit == "None" else told | {"Units": {"Meters": "m"}.get(unit, unit)}
 
 
-def _xmp(data: bytes) -> Iterator[bytes]:
-    """The XMP packet of a JPEG and the parts of its extension, in order."""
-    place, parts = 2, {}
-    while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != _START_OF_SCAN:
-        (size,) = struct.unpack_from(">H", data, place + 2)
-        body = data[place + 4 : place + 2 + size]
+def _depth_of_apple(path: Path) -> dict[str, Any]:
+    """What Apple says of the depth of a JPEG, in the words of HEIC, and its image as `Data`."""
+    for name, (told, data) in _pictures_of_apple(path).items():
+        if name not in _APPLE:
+            continue
+        kind, *ends = _APPLE[name]
+        with decoding(path):
+            numbers = [told.get(f"apdi:Float{end}Value") for end in ("Min", "Max")]
+            values = {end: float(n) for end, n in zip(ends, numbers, strict=True) if n}
+        return {"representation_type": kind, "Data": data, **values}
+    return {}
+
+
+def _pictures_of_apple(path: Path) -> dict[str, tuple[Mapping[str, str], bytes]]:
+    """The properties and the bytes of each further picture of a JPEG, by what Apple calls it."""
+    with decoding(path):
+        pictures = [(_properties(data), data) for data in _further_pictures(path.read_bytes())]
+    return {told.get("apdi:AuxiliaryImageType", ""): (told, data) for told, data in pictures}
+
+
+def _further_pictures(data: bytes) -> Iterator[bytes]:
+    """The pictures behind the first of a JPEG in the Multi-Picture Format."""
+    for at, body in _segments(data):
+        if not body.startswith(PICTURES):
+            continue
+        start = at + len(PICTURES)
+        order = ">" if data[start : start + 2] == b"MM" else "<"
+        (fields,) = struct.unpack_from(f"{order}I", data, start + 4)
+        (count,) = struct.unpack_from(f"{order}H", data, start + fields)
+        for n in range(count):
+            field = start + fields + 2 + 12 * n
+            tag, _, size, place = struct.unpack_from(f"{order}HHII", data, field)
+            for entry in range(16, size, 16) if tag == _ENTRIES else ():
+                length, first = struct.unpack_from(f"{order}4xII", data, start + place + entry)
+                yield data[start + first :][:length]
+
+
+def _properties(data: bytes) -> dict[str, str]:
+    """The properties of Google and Apple in the XMP of a JPEG."""
+    return dict(_PROPERTY.findall(_packet(data)))
+
+
+def _packet(data: bytes) -> str:
+    """The XMP packet of a JPEG, and its extension."""
+    packet, parts = b"", {}
+    for _, body in _segments(data):
         if body.startswith(_XMP):
-            yield body.removeprefix(_XMP)
+            packet += body.removeprefix(_XMP)
         elif body.startswith(_EXTENSION):
             body = body.removeprefix(_EXTENSION)
             (offset,) = struct.unpack_from(">I", body, 36) if len(body) >= _EXTENSION_HEAD else (0,)
             parts[offset] = body[_EXTENSION_HEAD:]
+    return (packet + b"".join(parts[offset] for offset in sorted(parts))).decode("utf-8", "replace")
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """The place and the bytes of each segment before the pixels of a JPEG."""
+    place = 2
+    while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != _START_OF_SCAN:
+        (size,) = struct.unpack_from(">H", data, place + 2)
+        yield place + 4, data[place + 4 : place + 2 + size]
         place += 2 + size
-    for offset in sorted(parts):
-        yield parts[offset]
 
 
 @contextmanager
-def _unpack(text: str) -> Iterator[Path]:
-    """A temporary file of the image in a property, as OpenImageIO reads only files."""
-    data = base64.b64decode(text, validate=False)
+def _unpack(data: bytes) -> Iterator[Path]:
+    """A temporary file of an image, as OpenImageIO reads only files."""
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:
         file.write(data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,29 +14,34 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
+from defocus_core.io.safe_files import is_heic, is_jpeg, once, read_head
 
 KINDS = ("depth", "disparity")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
 ALICEVISION, OF_NUKE = "AliceVision:", "nuke/"  # begin the names of attributes
-_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
-
-
-def holds_gdepth(path: Path) -> bool:
-    """Whether a file is a JPEG whose XMP has GDepth, or Dynamic Depth."""
-    head = read_head(path, _XMP_BYTES)
-    return is_jpeg(head) and (b"GDepth:" in head or b"DepthMap:" in head)
+XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
+PICTURES = b"MPF\0"  # begins the list of further pictures in a JPEG
+_OF_APPLE = re.compile(rb"""apdi:AuxiliaryImageType\s*(?:=\s*["']|>)(?:depth|disparity)\b""")
 
 
 def own_format(path: Path) -> str:
     """The format that a file itself names: of a photograph, or in a header; else empty."""
-    if holds_gdepth(path):
-        return "android-gdepth"
-    if is_exr(read_head(path)):
+    head = read_head(path, XMP_BYTES)
+    if is_jpeg(head):
+        if b"GDepth:" in head or b"DepthMap:" in head:
+            return "android-gdepth"
+        return "apple-heic" if PICTURES in head and _holds_depth_of_apple(path) else ""
+    if is_exr(head):
         names = (name for header in read_headers(path) for name in header.attributes)
         return "alicevision" if any(name.startswith(ALICEVISION) for name in names) else ""
-    return "apple-heic" if is_heic(read_head(path)) else ""
+    return "apple-heic" if is_heic(head) else ""
+
+
+@once
+def _holds_depth_of_apple(path: Path) -> bool:
+    """Whether a further picture in a JPEG says that it is depth, as none but Apple's do."""
+    return _OF_APPLE.search(path.read_bytes()) is not None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -376,7 +376,13 @@ ROWS: tuple[DepthFormat, ...] = (
         note="whether z or the length of the ray is open; units of the network",
     ),
     _row("marigold", "Marigold, affine depth", ("NPY", "16-bit PNG"), needs=("depth-range",)),
-    _row("apple-heic", "iPhone portrait, HEIC", ("HEIC",), rule="per-metre", sidecar="heic"),
+    _row(
+        "apple-heic",
+        "iPhone portrait, HEIC or JPEG",
+        ("HEIC", "Apple JPEG"),
+        rule="per-metre",
+        sidecar="heic",
+    ),
     _exr(
         "alicevision",
         "AliceVision, Meshroom, depthMap.exr",
@@ -396,6 +402,7 @@ ROWS: tuple[DepthFormat, ...] = (
         note="name the file twice, as colour and as depth; or take it as relative with ‹blur›",
     ),
 )
+OF_PHOTOGRAPHS = ("apple-heic", "android-gdepth")
 FORMATS = {row.name: row for row in ROWS}
 NAMES = {name: row for row in ROWS for name in (row.name, *row.aliases)}
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the file

@@ -18,6 +18,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import times
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
+from defocus_core.io.depth_formats.photo_depth import matte_inside
 from defocus_core.io.depth_formats.reading import stretched
 from defocus_core.io.exr.channel_choice import views_of
 from defocus_core.io.exr.header import is_exr, read_headers
@@ -179,15 +180,24 @@ def show_hidden(surfaces: Surfaces) -> Surfaces:
 
 
 def read_matte(take: Take) -> Take:
-    """The take with its matte, if it is rendered."""
+    """The take with its matte, of a file or inside the photograph, if it is rendered."""
     picture, color = take.job.picture, take.inputs.color
+    if picture.over is not None and picture.matte is None:
+        return take
     if picture.over is not None:
         problem = "stands beside ‹over›, whose element has its own alpha"
         raise UsageProblem("contradiction", problem, "leave it out", field="matte")
     if not take.job.outputs.need_rendering:
         return take
-    assert picture.matte is not None
-    return take.reading(matte=_coverage(picture.matte.color, color.size, color.overscan))
+    path = picture.color if picture.matte is None else picture.matte.color
+    if picture.matte is not None:
+        values = _matte_values(path)
+    elif (inside := matte_inside(path)) is not None:
+        values = unit(inside)
+        note(f"defocus: {path}: the matte of a person inside it is used, or say ‹matte› FILE")
+    else:
+        return take
+    return take.reading(matte=_coverage(path, values, color.size, color.overscan))
 
 
 def show_matte(surfaces: Surfaces) -> Surfaces:
@@ -196,9 +206,10 @@ def show_matte(surfaces: Surfaces) -> Surfaces:
     return replace(surfaces, matte=map_on(take.inputs.matte, take.device))
 
 
-def _coverage(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray[np.float32]:
-    """The coverage of a subject [H, W] in 0…1: the alpha of a file that has one, else its grey."""
-    values = _matte_values(path)
+def _coverage(
+    path: Path, values: NDArray[np.float32], size: tuple[int, int], overscan: Overscan
+) -> NDArray[np.float32]:
+    """The coverage of a subject [h, w], 0 to 1, at the size of its picture."""
     (height, width), (columns, rows) = values.shape, size
     if (width, height) != size:
         if (share := stretched((width, height), size)) is None:
@@ -215,6 +226,7 @@ def _coverage(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray[
 
 
 def _matte_values(path: Path) -> NDArray[np.float32]:
+    """The coverage in a file: its alpha if it has one, else its grey."""
     if is_exr(read_head(path)):
         color = read_color(path)
         colors = color.pixels if color.alpha is None else np.asarray(color.alpha[:])[:, :, None]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Generic, TypeVar
 
+from defocus_core.io.depth_formats.reading import own_format
 from defocus_core.io.images.describe import describe
 from defocus_core.picture.take import Contents, InputPair, Pass, Surfaces, Take
 
@@ -59,6 +60,11 @@ def _frames_focus(take: Take) -> bool:
     return take.job.shot is not None and _lens_is_found(take) and not is_deep
 
 
+def _has_matte(take: Take) -> bool:
+    picture = take.job.picture
+    return picture.matte is not None or own_format(picture.color) == "apple-heic"
+
+
 def _frames_repair(take: Take) -> bool:
     shot, is_off = take.job.shot, take.job.reading.depth_repair == "off"
     if shot is None or not shot.sample or is_off:
@@ -92,7 +98,7 @@ PAIR: tuple[Step[InputPair], ...] = (
 # What belongs to a picture.
 READ: tuple[Step[Take], ...] = (
     Step("steps.companions:read_plate", lambda t: t.job.picture.over),
-    Step("steps.companions:read_matte", lambda t: t.job.picture.matte is not None),
+    Step("steps.companions:read_matte", _has_matte),
     Step("steps.deep:read", _is_deep),
     Step(
         "steps.companions:read_hidden",

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from defocus_core.io.depth_formats.reading import OF_NUKE, DepthReading, holds_gdepth
+from defocus_core.io.depth_formats.reading import OF_NUKE, DepthReading, own_format
 from defocus_core.io.images.describe import FileInfo
-from defocus_core.io.safe_files import is_heic, read_head
 
 # Names of channels and arrays that only one format has.
 _TELLING_NAMES = {
@@ -33,9 +32,10 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> Iterator[s
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
             yield f"{hits[-1]}: {name}; say ‹depth-format› {name}"
-    if holds_gdepth(path):
+    own = own_format(path)
+    if own == "android-gdepth":
         yield "GDepth in its XMP: android-gdepth; say ‹depth-format› android-gdepth"
-    elif is_heic(read_head(path)):
+    elif own == "apple-heic":
         yield "a depth image beside the picture: apple-heic; say ‹depth-format› apple-heic"
     elif any(name.startswith(OF_NUKE) for part in info.parts for name in part.attributes):
         yield "Nuke wrote it, whose ScanlineRender writes 1/z; say ‹depth-format› nuke-scanline"
