@@ -17,6 +17,7 @@ from defocus_cli.options.shared import (
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_core.errors import UsageProblem
+from defocus_core.io.depth_formats.reading import own_format
 from defocus_core.picture.subject import with_blur_and_focus
 from defocus_core.reports.html.focus_choice import write_choice
 from defocus_core.request.job import Machine, Reading
@@ -53,7 +54,8 @@ def command(
 
     A click sets the focus, a slider the blur; the command that renders the choice stands below the
     picture. The page holds small pictures at 8 focus distances and 5 strengths of blur, and shows
-    the nearest. Without a lens, depth is relative, as for 'render'.
+    the nearest. Without a lens, depth is relative, as for 'render': the surface in focus is sharp
+    as a whole, and a button says that the other end of the depth is near.
 
     \b
     Examples:
@@ -65,8 +67,12 @@ def command(
         problem = f"holds {len(pictures)} pictures, and the page shows one"
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
-    one, reading = with_blur_and_focus(lenses, pictures, reading, typed, whole_subject=False)
+    one, known = with_blur_and_focus(lenses, pictures, reading, typed)
     lens, _ = one.lens_of(pictures[0])
     with tile_bar("picture") as progress:
-        write_choice(pictures[0], lens, reading, out, machine, progress)
+        write_choice(
+            *(pictures[0], lens, known, out, machine, progress),
+            whole_surface="sharp-range" in one.own.keys() - lenses.own.keys(),
+            either_end=reading.invert is None and not own_format(pictures[0].depth),
+        )
     console.stdout(f"{out}: a page to choose on, for a browser")

@@ -29,7 +29,7 @@ from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Readin
 from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, READING_OPTIONS
 from defocus_core.request.lens import LensValues
 from defocus_core.request.lens_files import lens_path, read_lens_file
-from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, Param
+from defocus_core.request.parameters import LENS_OPTIONS, METADATA, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
     Layer,
@@ -268,14 +268,9 @@ class Lens:
         if not lenses.is_complete:
             from defocus_core.picture import subject
 
-            if picture._arrays is None:
-                lenses, reading = subject.with_blur_and_focus(lenses, [picture.files], reading, ())
-            elif picture.is_relative and lenses.options.keys() <= BESIDE_BLUR:
-                if reading.invert is None:
-                    reading, _ = subject.with_near_end(picture._decoded.depth, reading)
-                depth = replace(picture._decoded.depth, inverted=bool(reading.invert))
-                chosen = subject.options_of(depth, picture.size, lenses.options)
-                lenses = replace(lenses, own={**self._layer, **chosen})
+            depth = None if picture._arrays is None else picture._decoded.depth
+            files = [picture.files]
+            lenses, reading = subject.with_blur_and_focus(lenses, files, reading, (), depth)
         return lenses.lens_of(picture.files)[0], reading
 
     def __repr__(self) -> str:

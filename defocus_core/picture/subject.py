@@ -196,37 +196,45 @@ def with_blur_and_focus(
     pictures: Sequence[PictureFiles],
     reading: Reading,
     typed: Sequence[str],
-    *,
-    whole_subject: bool = True,
+    decoded: Depth | None = None,
 ) -> tuple[PictureLenses, Reading]:
     """The lenses with default blur and focus for a lone picture of relative depth, and a note.
 
-    The reading is inverted if the picture shows that black is near.
+    The reading is inverted if the picture shows that black is near. `decoded`: the depth of a
+    picture in memory.
     """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses, reading
-    picture = pictures[0]
-    given = lenses.options
-    if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
-        near = ""
-        if reading.invert is None and not own_format(picture.depth):
-            reading, near = with_near_end(_depth_alone(picture, reading.as_relative()), reading)
-        size, depth = size_of(picture), None
-        if not given.keys() & set(_UNFOCUSED):
+    picture, given = pictures[0], lenses.options
+    relative = given.keys() <= BESIDE_BLUR
+    if relative and decoded is not None:
+        relative = decoded.is_relative
+    elif relative and "blur" not in given:
+        relative = is_relative(picture.depth, reading)
+    if not relative:
+        if decoded is None and (lacking := missing_options(given)):
+            raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
+        return lenses, reading
+    near, path = "", picture.depth
+    if reading.invert is None and (decoded is not None or not own_format(path)):
+        reading, near = with_near_end(
+            decoded or _depth_alone(picture, reading.as_relative()), reading
+        )
+    size, depth = size_of(picture) if decoded is None else decoded.size, None
+    if not given.keys() & set(_UNFOCUSED):
+        if decoded is not None:
+            depth = replace(decoded, inverted=bool(reading.invert))
+        else:
             depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
-            if picture.color != picture.depth:
-                require_size(picture.depth, reading, depth.metres.shape, size)
-        is_whole = whole_subject and lenses.file is None
-        chosen = options_of(depth, size, given, whole_subject=is_whole)
-        if not chosen:
-            return lenses, reading
-        words = " ".join(f"‹{name}› {each.text}" for name, each in chosen.items())
-        words += " ‹invert›" if near and reading.invert else ""
-        note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
-        return replace(lenses, own={**lenses.own, **chosen}), reading
-    if lacking := missing_options(given):
-        raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
-    return lenses, reading
+            if picture.color != path:
+                require_size(path, reading, depth.metres.shape, size)
+    chosen = options_of(depth, size, given, whole_subject=lenses.file is None)
+    words = [f"‹{name}› {each.text}" for name, each in chosen.items()]
+    words += ["‹invert›"] if near and reading.invert else []
+    if words or near:
+        taken = f", taken with {' '.join(words)}" if words else ""
+        note(f"defocus: {path}: relative depth{taken}{near}")
+    return replace(lenses, own={**lenses.own, **chosen}), reading
 
 
 def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:

@@ -102,7 +102,7 @@ def test_what_blurs_nothing_or_all_is_refused(tmp_path):
     flat, out = depth(tmp_path / "flat.exr", np.full((16, 24), 4)), ("-o", tmp_path / "out")
     ran = run("render", color, z, "--blur", "1e7px", "--focus-value", "2", *out)
     refused(ran, 2, "malformed", "blur")
-    ran = run("render", color, flat, "--blur", "8px", "--focus-at", "1,1", *out)
+    ran = run("render", color, flat, "--blur", "8px", "--focus-at", "1,1", "--invert", *out)
     refused(ran, 3, "no-valid-depth", flat)
     for name in ("blur", "clamp-blur", "focus-value"):  # an opening has none
         refused(run("aperture", f"--{name}", "4", "-o", tmp_path / "a.png"), 2, None)

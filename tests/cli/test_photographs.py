@@ -196,7 +196,7 @@ def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path):
 def test_a_matte_is_grey_and_of_the_shape_of_the_picture(samples, code, tmp_path):
     color, depth, _ = subject(tmp_path)
     matte = save(tmp_path / "m.tif", samples)
-    words = ("--matte", matte, "--blur", "6px", "--focus-value", "200")
+    words = ("--matte", matte, "--blur", "6px", "--focus-value", "200", "--no-invert")
     ran = run("render", color, depth, *words, "-o", tmp_path / "out.png")
     if code:
         refused(ran, 3, code, matte)

@@ -1,7 +1,7 @@
 """A page for choosing focus and blur: small rendered pictures, and the command of each.
 
-They have `_FOCUSES` distances, where surfaces are, and `_STRENGTHS` strengths of blur. The page
-shows the one nearest to the choice.
+They have `_FOCUSES` distances, where surfaces are, `_STRENGTHS` strengths of blur, and either end
+of relative depth near. The page shows the one nearest to the choice.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from defocus_core.picture.focus import in_pixels
 from defocus_core.picture.memory_budget import arrays_mb
 from defocus_core.picture.pair import read
 from defocus_core.picture.plain_path import compute, load, prepare
-from defocus_core.picture.subject import on_ramp, subject_of
+from defocus_core.picture.subject import FoundPixel, on_ramp, subject_of, surface_of
 from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.reports.html.item import LIGHT, PLAIN, Item, Layer
 from defocus_core.reports.html.layers import pack
@@ -36,6 +36,7 @@ from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Readin
 from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.lens import DEFAULTS, LensValues, lens_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS, RECORDED
+from defocus_core.request.quantities import Unitless
 from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
@@ -52,6 +53,7 @@ _KEYS = (
     ("↑ ↓", "more or less blur"),
     ("c", "copy the command"),
 )
+_TURN = ("i", "the other end of the depth is near")
 
 
 class _Small(NamedTuple):
@@ -63,6 +65,27 @@ class _Small(NamedTuple):
     disparity: NDArray[np.float64]
 
 
+class _Focus(NamedTuple):
+    """What is in focus in some of the pictures."""
+
+    value: float  # its disparity
+    place: tuple[int, int]  # a pixel of the picture where it is
+    sharp: Unitless | None = None  # the numbers of its surface
+
+    def plain(self) -> dict[str, object]:
+        """It in plain values, the sharp range as an option."""
+        sharp = "" if self.sharp is None else LENS_OPTIONS["sharp-range"].text(self.sharp)
+        option = f" --sharp-range {sharp}" if sharp else ""
+        return {"value": self.value, "place": self.place, "sharp": option}
+
+
+# Which end of relative depth is near: the direction of nearer focuses, and the option.
+_END = {
+    False: {"near": 1, "words": "white is near", "option": " --no-invert"},
+    True: {"near": -1, "words": "black is near", "option": " --invert"},
+}
+
+
 def write_choice(
     picture: PictureFiles,
     lens: LensValues,
@@ -70,8 +93,15 @@ def write_choice(
     path: Path,
     machine: Machine,
     progress: Progress | None = None,
+    *,
+    whole_surface: bool = False,
+    either_end: bool = False,
 ) -> None:
-    """Write the page of a picture."""
+    """Write the page of a picture.
+
+    `whole_surface`: whether that in focus is sharp to its edges, as in a first picture;
+    `either_end`: whether the reader chooses which end of relative depth is near.
+    """
     load()
     job = Job(picture, lens, reading, Outputs(Path()), machine)
     color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
@@ -79,39 +109,45 @@ def write_choice(
         problem, remedy = "holds radii, by which the focus is chosen already", "give depth"
         raise InputError("radii", problem, remedy, path=depth.path)
     small, lens = _reduced(job, color, depth), in_pixels(lens, depth)
-    shows_surface = ~on_ramp(small.disparity)
-    if not shows_surface.any():
-        shows_surface[:] = True
-    focuses, strengths = focuses_of(small.disparity[shows_surface]), _strengths(lens)
+    focuses = _focuses(small, lens, depth, whole_surface)
+    if whole_surface:
+        lens = replace(lens, sharp_range=None)
+        job = replace(job, lens=lens)
+    strengths, inverted = _strengths(lens), depth.inverted
+    ends: tuple[bool, ...] = (inverted,)
+    if either_end and depth.is_relative:
+        ends, job = (inverted, not inverted), replace(job, reading=replace(reading, invert=None))
     layer = Layer("render", "render", LIGHT, ("R", "G", "B"), depth.size, None)
     sharp = replace(layer, key="input", title="input", thumbnail=_jpeg(small.inputs.color))
-    renders = []
-    for done, focus in enumerate(focuses):
-        renders.append([layer] * len(strengths))
-        for n, strength in enumerate(strengths):
-            each = replace(job, lens=_refocused(strength, focus, small.scale))
-            image = compute(prepare(each, small.inputs)).images["render"]
-            made = _jpeg(replace(small.inputs.color, planes=tuple(image)))
-            renders[-1][n] = replace(layer, thumbnail=made)
-            if progress:
-                progress(done * len(strengths) + n + 1, len(focuses) * len(strengths))
+    renders = [[[layer] * len(strengths) for _ in focuses] for _ in ends]
+    count = len(ends) * len(focuses) * len(strengths)
+    for done, (end, at, n) in enumerate(np.ndindex(len(ends), len(focuses), len(strengths)), 1):
+        each = replace(job, lens=_refocused(strengths[n], focuses[at], small.scale))
+        renders[end][at][n] = replace(layer, thumbnail=_rendered(each, small.inputs, ends[end]))
+        if progress:
+            progress(done, count)
     item = Item(picture.color.name, "", passes=True, layers=[sharp, _depth_layer(small, depth)])
     payloads: dict[str, str] = {}
     data = {
         "items": [plain(item, payloads)],
         "renders": plain(renders, payloads),
         "metric": not depth.is_relative,
-        "focuses": [
-            {"value": value, "place": _place_of(small, value, shows_surface)} for value in focuses
-        ],
+        "focuses": [each.plain() for each in focuses],
         "strengths": [_strength_words(each) for each in strengths],
         "place": list(lens.focus_at or subject_of(depth).scaled(depth.size)),
         "strength": _ASKED,
-        "near": -1 if depth.inverted else 1,
+        "ends": [_END[is_black] for is_black in ends],
         "command": _command(job, small.inputs.color),
     }
     title = f"Focus and blur of {printable(picture.color.name)}"
-    write_page(path, "choose", data=data, payloads=payloads, title=title, keys=_KEYS + KEYS)
+    write_page(
+        path,
+        "choose",
+        data=data,
+        payloads=payloads,
+        title=title,
+        keys=(*_KEYS, *(_TURN,) * (len(ends) - 1), *KEYS),
+    )
 
 
 def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
@@ -133,6 +169,34 @@ def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
     return sorted({float(values[(a + b) // 2]) for a, b in pairs if b > a})
 
 
+def _rendered(job: Job, inputs: Inputs, inverted: bool) -> bytes:
+    """A JPEG of a small picture, by one of the ends of its depth that may be near."""
+    inputs = replace(inputs, depth=replace(inputs.depth, inverted=inverted))
+    image = compute(prepare(job, inputs)).images["render"]
+    return _jpeg(replace(inputs.color, planes=tuple(image)))
+
+
+def _focuses(small: _Small, lens: LensValues, depth: Depth, whole_surface: bool) -> list[_Focus]:
+    """What is in focus. If whole surfaces are, the nearest to the focus of the lens is that one."""
+    shows_surface = ~on_ramp(small.disparity)
+    if not shows_surface.any():
+        shows_surface[:] = True
+    values = focuses_of(small.disparity[shows_surface])
+    focuses = [_Focus(value, _place_of(small, value, shows_surface)) for value in values]
+    if not whole_surface:
+        return focuses
+    focuses = [
+        each._replace(sharp=surface_of(depth, FoundPixel(*each.place, depth.size)))
+        for each in focuses
+    ]
+    assert lens.focus_at is not None
+    x, y = lens.focus_at
+    own = _Focus(float(depth.metres[y, x]), (x, y), Unitless(lens.sharp_range or ()) or None)
+    apart = [abs(each.value - own.value) for each in focuses]
+    focuses[apart.index(min(apart))] = own
+    return focuses
+
+
 def _strengths(lens: LensValues) -> list[LensValues]:
     """The lens with each strength, rounded as in the command."""
     if isinstance(lens.blur, float):
@@ -142,13 +206,14 @@ def _strengths(lens: LensValues) -> list[LensValues]:
     return [replace(lens, fnum=number) for number in numbers]
 
 
-def _refocused(lens: LensValues, disparity: float, scale: float) -> LensValues:
+def _refocused(lens: LensValues, focus: _Focus, scale: float) -> LensValues:
     """The lens focused at a disparity, for a picture of another size."""
-    lens = replace(lens, focus_at=None, focus_percentile=None)
+    sharp = lens.sharp_range if focus.sharp is None else focus.sharp
+    lens = replace(lens, focus_at=None, focus_percentile=None, sharp_range=sharp)
     clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale
     if isinstance(lens.blur, float):
-        return replace(lens, blur=lens.blur * scale, clamp_blur=clamp, focus_value=disparity)
-    distance = _MM_PER_M / disparity if disparity else math.inf
+        return replace(lens, blur=lens.blur * scale, clamp_blur=clamp, focus_value=focus.value)
+    distance = _MM_PER_M / focus.value if focus.value else math.inf
     return replace(lens, clamp_blur=clamp, foc_dist=distance)
 
 
@@ -205,11 +270,12 @@ def _depth_layer(small: _Small, depth: Depth) -> Layer:
     return Layer(*names, depth.size, ends=ends, values=values, unit=unit)
 
 
-def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> list[int]:
+def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> tuple[int, int]:
     """The pixel of a surface at a disparity that is nearest to the middle of all of its pixels."""
     rows, columns = np.nonzero((small.disparity == value) & shows_surface)
     best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
-    return [int((each[best] + 0.5) / small.scale) for each in (columns, rows)]
+    x, y = (int((each[best] + 0.5) / small.scale) for each in (columns, rows))
+    return x, y
 
 
 def _strength_words(lens: LensValues) -> dict[str, str]:
