@@ -39,7 +39,7 @@ from defocus_core.system.text import command_line, counted
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 Ticked = Callable[[Comparison], str]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_HALVES = 6  # of a pixel: three channels of A and of B, at most a character each
+_VALUES = 3  # characters of a pixel: those of integers, which compress better than halves
 _numbers = count()
 
 
@@ -83,7 +83,7 @@ def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
     room = ROOM - min(ROOM // 2, len(ranked) * THUMBNAILS)
     for record in ranked:
         is_valued = room > 0 and (not record.passes or record.status == WARNING)
-        room -= is_valued * min(math.prod(record.size or (0, 0)), WHOLE) * _HALVES
+        room -= is_valued * min(math.prod(record.size or (0, 0)), WHOLE) * _VALUES
         yield record, is_valued
 
 

@@ -1,9 +1,9 @@
 """Layers of an item, drawn from decoded pictures, with the values of all pixels or of a window.
 
-Values are packed as half floats, which a browser unpacks and shows at any exposure. The bits of a
-half are a 16-bit number. The file stores its difference, modulo 2^16, from the left neighbour, or
-from the same pixel of another layer: channel after channel, all low bytes before all high bytes,
-deflated (zlib).
+Values are packed as numbers of 16 bits, which a browser unpacks and shows at any exposure: those of
+integer files as they are, others as half floats. The file stores the difference of each, modulo
+2^16, from the left neighbour, or from the same pixel of another layer: channel after channel, all
+low bytes before all high bytes, deflated (zlib).
 """
 
 from __future__ import annotations
@@ -54,6 +54,16 @@ def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16
     with np.errstate(all="ignore"):
         halves = np.stack([_scaled(plane, scale).astype(np.float16) for plane in planes])
     return halves.view(np.uint16)
+
+
+def are_integers(planes: Sequence[NDArray[Any]], greatest: int) -> bool:
+    """Whether planes [H, W] are integers up to `greatest`, divided by it."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = (plane * np.float32(greatest) for plane in planes)
+        return all(
+            each.min() >= 0 and each.max() <= greatest and (abs(each - np.rint(each)) < 0.01).all()
+            for each in steps
+        )
 
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
@@ -154,8 +164,8 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
 def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
     """All layers, with the values of those that have the size of the first.
 
-    Values are those of a window about a place; A and B share a scale. If halves cannot hold the
-    values of A and B, their difference is a layer of its own.
+    Values are those of a window about a place; A and B share their type and scale. If that type
+    cannot hold the values of A and B, their difference is a layer of its own.
     """
     size = drawn[0].layer.size
     x, y, width, height = box = window_of(size, place)
@@ -164,17 +174,23 @@ def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) 
         for each in drawn
         if each.layer.size == size
     }
-    shared = scale_of([plane for key in (A, B) for plane in cut.get(key, ())])
+    both = [plane for key in (A, B) for plane in cut.get(key, ())]
+    shared = scale_of(both)
+    greatest = next((each for each in (255, 65535) if are_integers(both, each)), 0)
     layers, base = [], None
     for layer in (each.layer for each in drawn):
         planes, values = cut.get(layer.key, ()), None
         if layer.kind == HEAT:
-            values = _difference(cut[A], cut[B], shared, box)
+            values = None if greatest else _difference(cut[A], cut[B], shared, box)
+        elif planes and greatest and layer.key in (A, B):
+            bits = np.rint(np.stack(planes) * np.float32(greatest)).astype(np.uint16)
+            values = pack(bits, box, base=base if layer.key == B else None)
+            values = replace(values, ends=(0.0, 65535 / greatest))
         elif planes:
             scale = shared if layer.key in (A, B) else scale_of(planes)
             bits = half_bits(planes, scale)
             values = pack(bits, box, scale, base if layer.key == B else None)
-            base = (layer.key, bits) if layer.key == A else base
+        base = (A, bits) if layer.key == A and planes else base
         layers.append(replace(layer, values=values))
     return layers
 

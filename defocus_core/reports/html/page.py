@@ -91,10 +91,10 @@ def _room_words(items: Sequence[Item]) -> str:
     valued = sum(any(layer.values for layer in item.layers) for item in items)
     pictured = sum(any(layer.thumbnail for layer in item.layers) for item in items)
     if valued == len(items):
-        return f"{counted(len(items), 'item')}, each with its values as half floats."
+        return f"{counted(len(items), 'item')}, each with its values."
     return (
-        f"{counted(len(items), 'item')}: values of the first {valued} in their order, as half "
-        f"floats; thumbnails of {pictured}. The file has room for no more."
+        f"{counted(len(items), 'item')}: values of the first {valued} in their order, "
+        f"thumbnails of {pictured}. The file has room for no more."
     )
 
 

@@ -16,6 +16,8 @@ def unpacked(packed, channels, base=None):
     count = data.size // 2
     steps = (data[:count] + (data[count:] << 8)).reshape(channels, height, width)
     bits = steps + base if packed.base else np.cumsum(steps, axis=2, dtype=np.uint16)
+    if packed.ends:
+        return packed.ends[0] + bits / 65535 * (packed.ends[1] - packed.ends[0])
     return bits.view(np.float16).astype(np.float64) * packed.scale
 
 
@@ -55,6 +57,18 @@ def test_what_is_beyond_half_is_scaled_and_not_clamped():
     scale = layers.scale_of([plane])
     packed = layers.pack(layers.half_bits([plane], scale), (0, 0, 3, 1), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
+
+
+@pytest.mark.parametrize("greatest", [255, 65535])
+def test_values_of_integer_files_are_kept_as_integers(greatest):
+    whole = np.random.default_rng(0).integers(0, greatest + 1, (2, 21, 34))
+    pictures = [of_planes({"Y": (each / greatest).astype(np.float32)}, "x") for each in whole]
+    drawn = [layers.draw(key, key, each, ["Y"]) for key, each in zip("ab", pictures, strict=True)]
+    drawn += layers.difference_of(*drawn)[0]
+    a, b, difference = layers.valued_layers(drawn)
+    assert unpacked(a.values, 1)[0] * greatest == pytest.approx(whole[0])
+    assert unpacked(b.values, 1)[0] * greatest == pytest.approx(whole[1])
+    assert difference.values is None
 
 
 def test_a_tiny_difference_keeps_its_digits():
