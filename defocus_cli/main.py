@@ -186,7 +186,10 @@ def error_line(error: click.ClickException) -> str:
         remedy = gone.remedy("option", subject.lstrip("-"), command or "", remedy)
     elif isinstance(error, click.BadParameter):
         subject = option_name(error.param)
-        problem = "is missing" if isinstance(error, click.MissingParameter) else problem
+        if isinstance(error, click.MissingParameter):
+            problem = "is missing"
+            if isinstance(error.param, click.Option) and error.param.metavar:
+                remedy = f"add {error.param.opts[0]} {error.param.metavar}"
     elif isinstance(error, click.BadOptionUsage):
         subject = error.option_name
         problem = problem.removeprefix(f"Option '{subject}' ")

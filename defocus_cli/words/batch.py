@@ -302,7 +302,8 @@ def reasons_lines(plan: Plan) -> Iterator[str]:
     """Reasons to do jobs again, or why changed ones are kept."""
     for what, reasons in (("done again", plan.again), ("stay as they are", plan.kept)):
         if reasons:
-            yield f"{what}: {', '.join(f'{why}: {count}' for why, count in reasons.most_common())}"
+            counts = ", ".join(f"{why} ({count})" for why, count in reasons.most_common())
+            yield f"{what}: {counts}"
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:

@@ -180,11 +180,9 @@ class Picture:
         if self._shown is None:
             return f"<Picture {self.files.color.name}>"
         (width, height), depth = self.size, self._decoded.depth
-        known = depth.ends
-        span = "" if known is None else f" {known[0]:.3g}–{known[1]:.3g}"
-        if known is not None and math.isinf(known[1]):
-            solid = self.depth[np.isfinite(self.depth)]
-            span = f" {known[0]:.3g}–{solid.max():.3g}" if solid.size else ""
+        solid = self.depth[np.isfinite(self.depth)]
+        digits = ".5g" if depth.is_relative else ".3g"
+        span = f" {solid.min():{digits}}–{solid.max():{digits}}" if solid.size else ""
         unit = "" if depth.is_relative else " px" if depth.is_radius else " m"
         what = "relative depth" if depth.is_relative else "radii" if depth.is_radius else "depth"
         name = "in memory" if self._arrays is not None else self.files.color.name

@@ -152,17 +152,11 @@ def resized(given: InputPair) -> InputPair:
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     share = stretched((columns, rows), (width, height))
     is_smaller = columns < width and rows < height
-    if reading.resize_depth is None and not (is_smaller and share is not None):
+    if share is None or (reading.resize_depth is None and not is_smaller):
         raise wrong_size(depth.path, (rows, columns), (width, height))
     if depth.is_radius and not depth.is_relative:
         problem = f"holds radii in px of a picture of {columns}x{rows} px"
         raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)
-    if share is None:
-        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        remedy = "give depth of the view that the colour shows, all of it"
-        if stretched((rows, columns), (width, height)) is not None:
-            remedy = "turn the depth as Exif turns the colour"
-        raise InputError("wrong-size", problem, remedy, path=depth.path)
     size = f"{columns}x{rows} px resized"
     if reading.resize_depth is None:
         words = f"{depth.path.name}: {size} to {width}x{height} px, guided by the colours"

@@ -213,15 +213,30 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
 # Nothing is in focus if the sharpest pixel is blurred by more than both: px, and a share
 SHARP_PX = 2.0  # CoC radius
 SHARP_SHARE = 0.25  # of the greatest CoC radius
+_BLACK_IS_NEAR = -0.3  # evidence of the near end, -2 to 2
 _UNREAL = ("worlddepth", "scenedepth", "imagedepth")  # channels that Unreal writes, in centimetres
 _HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def doubt_depth(take: Take) -> Take:
     """The take with warnings, two at most, if its depth does not fit lens or files."""
-    declared, depth, own = take.job.reading.says_scale, take.inputs.depth, take.radii
-    words = of_radii(depth, own.px, own.limits, take.lens, declared=declared)
-    return replace(take, warnings=(*take.warnings, *words, *of_file(depth, declared=declared)))
+    reading, depth, own = take.job.reading, take.inputs.depth, take.radii
+    words = [
+        *of_radii(depth, own.px, own.limits, take.lens, declared=reading.says_scale),
+        *of_file(depth, declared=reading.says_scale),
+    ]
+    if depth.is_relative and reading.invert is None:
+        words += of_near_end(depth)
+    return replace(take, warnings=(*take.warnings, *words))
+
+
+def of_near_end(depth: Depth) -> Iterator[str]:
+    """The evidence that black is near, if it is clear, although white is taken as near."""
+    from defocus_core.picture.subject import white_is_near
+
+    if white_is_near(depth) < _BLACK_IS_NEAR:
+        why = "by the bottom and the middle of the picture black is near"
+        yield f"{depth.path.name}: {why}, but white is taken as near; say ‹invert›, or ‹no-invert›"
 
 
 def of_radii(

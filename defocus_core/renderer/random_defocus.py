@@ -46,12 +46,16 @@ def _shape(name: str, value: Any) -> object:
     return Aperture(6, **{name: value})
 
 
-def _mm(name: str, value: Any) -> object:
-    return positive(name, value, "in mm, or a Distribution")
+def _positive(unit: str) -> Callable[[str, Any], object]:
+    return lambda name, value: positive(name, value, f"{unit}, or a Distribution")
 
 
 def _radii(name: str, value: Any) -> object:
     return number(name, value, "in radii of the pupil, or a Distribution")
+
+
+_mm, _count = _positive("in mm"), _positive("without a unit")
+_electrons = _positive("in electrons")
 
 
 def _read_noise(name: str, value: Any) -> None:
@@ -69,7 +73,7 @@ class DrawnOption(NamedTuple):
 # By name, in the order of `Lenses`, which says what they are.
 OPTIONS: Mapping[str, DrawnOption] = {
     "foclen": DrawnOption(Distribution("loguniform", (24.0, 85.0)), _mm),
-    "fnum": DrawnOption(Distribution("loguniform", (1.4, 16.0)), _mm),
+    "fnum": DrawnOption(Distribution("loguniform", (1.4, 16.0)), _count),
     "foc_dist": DrawnOption(
         Distribution("percentile", (5.0, 95.0)),
         lambda name, value: value == math.inf or _mm(name, value),
@@ -89,7 +93,9 @@ OPTIONS: Mapping[str, DrawnOption] = {
     "cat_eye_size": DrawnOption(1.0, _radii),
     "cat_eye_shift": DrawnOption(0.0, _radii),
     "crosstalk": DrawnOption(0.0, lambda _, value: DualPixel(crosstalk=value)),
-    "electrons": DrawnOption(math.inf, lambda name, value: value == math.inf or _mm(name, value)),
+    "electrons": DrawnOption(
+        math.inf, lambda name, value: value == math.inf or _electrons(name, value)
+    ),
     "read_noise": DrawnOption(0.0, _read_noise),
 }
 _SHAPES = tuple(name for name, row in OPTIONS.items() if row.check is _shape)
@@ -379,8 +385,9 @@ class RandomDefocus(torch.nn.Module):
         for seed, drawing in zip(seeds, found.values(), strict=True):
             if isinstance(drawing, str):
                 raise ValueError(
-                    f"{drawing} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is "
-                    f"in {self.depth_unit}, and drawn are {self.extra_repr()}"
+                    f"{drawing} with the last of {ATTEMPTS} lenses drawn for seed {seed}; check "
+                    f"that depth is in {self.depth_unit}, or change max_radius, foclen or fnum of "
+                    f"{self.extra_repr()}"
                 )
         return [drawing for drawing in found.values() if not isinstance(drawing, str)]
 

@@ -17,7 +17,12 @@ Sample = dict[str, Any]
 
 def planes_of(name: str, value: Any) -> Tensor:
     """A picture or a map of a sample as a plain tensor [C, H, W]."""
-    planes = value.as_subclass(Tensor) if isinstance(value, Tensor) else torch.as_tensor(value)
+    try:
+        planes = value.as_subclass(Tensor) if isinstance(value, Tensor) else torch.as_tensor(value)
+    except (TypeError, ValueError, RuntimeError):
+        raise ValueError(
+            f"{name} of a sample must be a tensor or an array, got {type(value).__name__}"
+        ) from None
     if planes.ndim == 2:
         return planes[None]
     if planes.ndim != 3:

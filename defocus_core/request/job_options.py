@@ -367,7 +367,8 @@ _INPUTS = (
     _shot(
         name="missing",
         choices=MISSING,
-        help="Treatment of frames without a file: an error, or skipped.  [default: error]",
+        help="Treatment of pictures and frames without one of their files: an error, or skipped.  "
+        "[default: error]",
     ),
     Param(name="list", only="files"),
     Param(name="pictures", only="files"),

@@ -83,7 +83,7 @@ def find(
             problem = "is not carried with the frames of a shot"
             raise UsageProblem("idle-option", problem, "leave it out", field="carry")
         return _shot(color, depth, others, patterns_in or Path(), frames)
-    if frames != ALL:
+    if frames.numbers is not None:
         problem = "chooses frames, but no path numbers them"
         raise UsageProblem(
             "idle-option", problem, "give patterns like 'shot.####.exr'", path=frames.source
@@ -93,23 +93,31 @@ def find(
     with_text = patterns_in is not None and all(
         texts_before(path) == texts_before(color) for path in paths
     )
-    colors, pictures = _pair(color, depth, patterns_in, with_text)
+    skips = frames.missing == "skip"
+    colors, pictures = _pair(color, depth, patterns_in, with_text, skips=skips)
+    if skips and colors.kind == "file":
+        problem = "is for frames, directories and patterns, and this is one picture"
+        raise UsageProblem("idle-option", problem, "leave it out", path=frames.source)
     for role, (other_color, other_depth) in others.items():
         # plates and mattes need no depth, and a holdout has its own
         lone = role != "hidden" and other_depth is None
-        other_colors, paired = _pair(
-            other_color, other_color if lone else other_depth, patterns_in, with_text
-        )
-        _refuse_unpaired(colors, other_colors)
+        second = other_color if lone else other_depth
+        other_colors, paired = _pair(other_color, second, patterns_in, with_text, skips=skips)
+        _check_paired(colors, other_colors, skips=skips)
+        pictures = {name: picture for name, picture in pictures.items() if name in paired}
         for name, picture in pictures.items():
             other: dict[str, Any] = {role: paired[name]}
             pictures[name] = replace(picture, **other)
     for role, path in labels.items():
         files = _files(path, COLOR_SUFFIXES | DEPTH_SUFFIXES, patterns_in, with_text)
-        _refuse_unpaired(colors, files)
+        _check_paired(colors, files, skips=skips)
+        pictures = {name: each for name, each in pictures.items() if name in files.by_name}
         for name, picture in pictures.items():
             with_label = (*picture.carried, (role, files.by_name[name]))
             pictures[name] = replace(picture, carried=with_label)
+    if not pictures:
+        problem = "names no picture of which all files are there"
+        raise InputError("empty", problem, "name its files alike", path=colors.path)
     return list(pictures.values()), []
 
 
@@ -188,7 +196,7 @@ def holds_both(path: Path) -> bool:
 
 
 def _pair(
-    color: Path, depth: Path | None, root: Path | None, with_text: bool
+    color: Path, depth: Path | None, root: Path | None, with_text: bool, *, skips: bool
 ) -> tuple[_Files, dict[str, PictureFiles]]:
     """The files of a colour path, and the picture of each name."""
     if depth is None:
@@ -204,11 +212,12 @@ def _pair(
         depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
         photos = {n: p for n, p in depths.photos.items() if colors.by_name.get(n, p) != p}
         depths = replace(depths, by_name={**photos, **depths.by_name})
-        _refuse_unpaired(colors, depths)
-        _refuse_unpaired(depths, colors)
+        _check_paired(colors, depths, skips=skips)
+        _check_paired(depths, colors, skips=skips)
     return colors, {
         name: PictureFiles(name or path.stem, path, depths.by_name[name])
         for name, path in colors.by_name.items()
+        if name in depths.by_name
     }
 
 
@@ -251,8 +260,8 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
     return _Files(path, kind, by_name, photos)
 
 
-def _refuse_unpaired(files: _Files, others: _Files) -> None:
-    """Refuse files if one of them has no partner among the others."""
+def _check_paired(files: _Files, others: _Files, *, skips: bool) -> None:
+    """Refuse files without a partner among the others; or note them, if they are left out."""
     if files.kind != others.kind:
         many, one = sorted((files, others), key=lambda each: each.kind == "file")
         problem = f"is a {many.kind} but {one.path} is a {one.kind}"
@@ -263,5 +272,8 @@ def _refuse_unpaired(files: _Files, others: _Files) -> None:
     if lone:
         more = f", and none for {len(lone) - 1} more" if len(lone) > 1 else ""
         problem = f"has no file named '{lone[0]}', as {files.by_name[lone[0]]} is{more}"
-        remedy = "name colour and depth files alike, or pair them by patterns in a jobs file"
+        if skips:
+            note(f"defocus: {others.path}: {problem}; left out")
+            return
+        remedy = "name colour and depth files alike, or leave these out by ‹missing› skip"
         raise InputError("empty", problem, remedy, path=others.path)

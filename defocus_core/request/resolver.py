@@ -58,9 +58,15 @@ def alternatives(name: str) -> frozenset[str]:
     return frozenset((name,)).union(*(pair for pair in ALTERNATIVES if name in pair))
 
 
+_LIST = re.compile(r"\s*[\d.]+\s*[a-z%]*\s*(,\s*[\d.]+\s*[a-z%]*\s*)+", re.I)
+
+
 def value_of(name: str, text: str) -> Any:
     """The value of a text of an option, in mm, degrees or plain numbers; off gives the default."""
     row = ROWS[name]
+    if name in LENS_OPTIONS and not row.separator and _LIST.fullmatch(text):
+        remedy = "write one, or the list below [sweep] of a jobs file"
+        raise QuantityError(f"'{text}' is a list", remedy)
     is_off = text.strip().lower() == "off" and row.field in EFFECTS
     return EFFECTS[row.field] if is_off and not LENS_OPTIONS[name].never_off else row.parse(text)
 

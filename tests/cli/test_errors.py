@@ -173,11 +173,11 @@ info rgb.exr --part 1 → 3 no-such-part rgb.exr: has no part 1, only 1; leave -
 info z.exr --depth-channel W → \
 3 no-such-channel z.exr: has no channel W; it has Z; check --depth-channel
 R --view left → 3 no-such-view rgb.exr: has no views, and so no view left; leave --view out
-render rgb.exr square.exr -o out LENS → \
-3 wrong-size square.exr: is 5x5 px but its colour is 24x16 px; give depth of the size of the \
+render rgb.exr double.exr -o out LENS → \
+3 wrong-size double.exr: is 48x32 px but its colour is 24x16 px; give depth of the size of the \
 colour, or say --resize-depth guided, or nearest
 render rgb.exr square.exr -o out LENS --resize-depth guided → \
-3 wrong-size square.exr: is 5x5 px, of another aspect than the colour, 24x16 px; give depth of \
+3 wrong-size square.exr: is 5x5 px but its colour is 24x16 px, of another aspect; give depth of \
 the view that the colour shows, all of it
 render rgb.exr holes.exr -o out LENS → \
 3 invalid-depth holes.exr: is NaN or ≤ 0 in 2 pixels, the first at 5,7; fill the holes, and write \
@@ -228,7 +228,7 @@ R --fnumber → 2 - --fnumber: requires an argument; see 'defocus render --help'
 --nonsense → 2 - --nonsense: no such option; see 'defocus --help'
 render → 2 - COLOR: is missing; see 'defocus render --help'
 info → 2 - FILE...: is missing; see 'defocus info --help'
-render rgb.exr z.exr → 2 - --out: is missing; see 'defocus render --help'
+render rgb.exr z.exr → 2 - --out: is missing; add -o OUT
 B jobs.toml --quality high → \
 2 - --quality: no such option; write quality below [machine] of the jobs file
 R --fnumber 1e-300 → 2 out-of-range --fnumber: f/1e-300 blurs beyond all numbers in this picture; …
@@ -344,6 +344,7 @@ def write_pictures(folder):
     write_deep(folder / "deep.exr")
     depth_exr(folder / "small.exr", ramp(12, 8))
     depth_exr(folder / "square.exr", ramp(5, 5))
+    depth_exr(folder / "double.exr", ramp(48, 32))
     depth_exr(folder / "near.exr", ramp() / 100)
     write_exr(folder / "numbers.exr", Z=ramp() - 2)  # no metres
     write_exr(folder / "coc.exr", coc=ramp() * 2 - 5)

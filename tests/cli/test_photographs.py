@@ -43,6 +43,16 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_p
     ran = succeed("render", files[0], reversed_, "-o", tmp_path / "r.png.png")
     assert taken(ran.err) == "--blur 3px --focus-at 89,64 --invert"
     assert "--no-invert" in ran.err
+    chosen = ("--blur", "9px", "--focus-at", "89,64")
+    alone = run("render", files[0], reversed_, "-o", tmp_path / "c.png", *chosen)
+    assert taken(alone.err) == "--invert"
+    folders = [tmp_path / name for name in ("colors", "depths")]
+    for folder, file in zip(folders, (files[0], reversed_), strict=True):
+        folder.mkdir()
+        (folder / f"a{file.suffix}").write_bytes(file.read_bytes())
+        (folder / f"b{file.suffix}").write_bytes(file.read_bytes())
+    both = run("render", *folders, "-o", tmp_path / "all", *chosen)
+    assert both.err.count("black is near, but white is taken as near; say --invert") == 2
     black = run("render", *files, "-o", tmp_path / "a.png", "--invert", "--blur", "9px")
     assert taken(black.err) == "--focus-at 59,51"
 

@@ -240,18 +240,19 @@ def test_why_a_job_is_done_again_is_counted_by_reason(tmp_path, out, computed):
     color_exr(tmp_path / "rgb" / "a.exr", texture(seed=9))
     (out / "coc" / "b_focus2m.exr").unlink()
     path.write_text(path.read_text().replace('"1.5m", "2m"', '"1.5m", "2m", "3m"'))
-    reasons = {f"renderer 7 → {RENDERER_VERSION}": 7, "inputs": 2, "outputs gone or changed": 1}
-    words = ("done again: ", *(f"{reason}: {count}" for reason, count in reasons.items()))
+    reasons = {f"renderer 7 → {RENDERER_VERSION}": 7, "inputs changed": 2}
+    reasons |= {"outputs gone or changed": 1}
+    words = ("done again: ", *(f"{reason} ({count})" for reason, count in reasons.items()))
     planned = run("batch", path, "-o", out, "--dry-run")
     assert all(word in planned.out for word in words)
     assert run("batch", path, "-o", out, "--dry-run", "--json").json["again"] == reasons
     computed.clear()
     ran = succeed("batch", path, "-o", out, "--processes", "1", "--new-only", "--json")
     assert {*computed} == {"b_focus2m", *(f"{stem}_focus3m" for stem in "abcde")}
-    kept = {f"renderer 7 → {RENDERER_VERSION}": 7, "inputs": 2}
+    kept = {f"renderer 7 → {RENDERER_VERSION}": 7, "inputs changed": 2}
     assert (ran.json["kept"], ran.json["again"]) == (kept, {"outputs gone or changed": 1})
     computed.clear()
     ran = succeed("batch", path, "-o", out, "--processes", "1")
     assert len(computed) == 9
     path.write_text(path.read_text().replace("fnumber = 2", "fnumber = 4"))
-    assert "done again: settings: 15" in succeed("batch", path, "-o", out).err
+    assert "done again: settings changed (15)" in succeed("batch", path, "-o", out).err

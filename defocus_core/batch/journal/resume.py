@@ -160,8 +160,8 @@ def _fields(kind: type) -> tuple[tuple[str, object], ...]:
 # The words of the reasons, in the order of the checks.
 AGAIN = {
     "failed": "failed before",
-    "settings": "settings",
-    "inputs": "inputs",
+    "settings": "settings changed",
+    "inputs": "inputs changed",
     "outputs": "outputs gone or changed",
     "renderer": "renderer {old} → {new}",
 }

@@ -153,11 +153,14 @@ def require_size(
 
 def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> InputError:
     """The error for depth of rows and columns beside a colour of a width and a height."""
-    problem = f"is {shape[1]}x{shape[0]} px but its colour is {size[0]}x{size[1]} px"
+    rows, columns = shape
+    problem = f"is {columns}x{rows} px but its colour is {size[0]}x{size[1]} px"
     remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
-    if shape == size:
-        problem = f"{problem}, turned"
-        remedy = "turn the depth as Exif turns the colour"
+    if stretched((columns, rows), size) is None:
+        problem = f"{problem}, of another aspect"
+        remedy = "give depth of the view that the colour shows, all of it"
+        if stretched((rows, columns), size) is not None:
+            remedy = "turn the depth as Exif turns the colour"
     return InputError("wrong-size", problem, remedy, path=path)
 
 

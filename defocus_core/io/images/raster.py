@@ -68,6 +68,19 @@ class Raster:
     tags: Mapping[str, Tag] = field(default_factory=dict)  # its metadata on camera and author
 
 
+# What to do with files that hold pictures, but are none, by suffix.
+_CONVERSIONS = {
+    **dict.fromkeys(
+        (".mp4", ".mov", ".mkv", ".avi", ".webm"),
+        "write its frames as files, and render them as a pattern like 'shot.####.png'",
+    ),
+    **dict.fromkeys(
+        (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"),
+        "develop it to a 16-bit TIFF",
+    ),
+}
+
+
 def read_pages(path: Path, *, wanted: str = _WANTED, every_type: bool = False) -> list[Raster]:
     """Look at the headers of all images of a file.
 
@@ -167,7 +180,8 @@ def _open(path: Path, formats: str) -> Iterator[Any]:
             return damaged(path, why)
         why = "unknown format" if "format reader" in why else why
         problem = f"is not an image that can be read ({why})"
-        return InputError("unreadable", problem, f"use {formats}", path=path)
+        remedy = _CONVERSIONS.get(path.suffix.lower(), f"use {formats}")
+        return InputError("unreadable", problem, remedy, path=path)
 
     with opened_image(path, refusal) as file:
         yield file

@@ -132,6 +132,18 @@ def test_one_missing_file_of_a_list_is_left_to_its_own_job(tmp_path):
     assert names(jobs(tmp_path, FIXED, inputs='list = "l.csv"')) == ["missing", "b"]
 
 
+@pytest.mark.parametrize("inputs", ['color = "c"\ndepth = "d"', 'color = "c/*"\ndepth = "d/*"'])
+def test_pictures_without_a_file_are_refused_or_left_out(inputs, tmp_path):
+    touch(tmp_path, "c/1.exr", "c/2.exr", "d/2.exr", "d/3.exr", "behind/2.exr", "behind/4.exr")
+    with refuses("empty"):
+        jobs(tmp_path, FIXED, inputs=inputs)
+    for more in ("", f'\nhidden-color = "{"behind/*" if "*" in inputs else "behind"}"'):
+        assert names(jobs(tmp_path, FIXED, inputs=f'{inputs}{more}\nmissing = "skip"')) == ["2"]
+    (tmp_path / "d/2.exr").unlink()
+    with refuses("empty"):
+        jobs(tmp_path, FIXED, inputs=f'{inputs}\nmissing = "skip"')
+
+
 def test_a_picture_may_not_bring_what_is_swept(tmp_path):
     touch(tmp_path, "b.exr")
     (tmp_path / "l.csv").write_text("color,focus-at\nb.exr,3 4\n".replace("3 4", '"3,4"'))
