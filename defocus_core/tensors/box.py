@@ -81,14 +81,10 @@ class Span(NamedTuple):
         return Span(self.first - by, self.end + by)
 
 
-def min_transform(lit: Span, wanted: Span, margin: int) -> int:
-    """The least length of a circular transform whose wrap-around misses the wanted samples."""
-    return max(wanted.end - lit.first, lit.end - wanted.first) + margin
-
-
-TILE = 192
+# Side in px of a tile, where none is given: what is far from a tile is not blurred over it.
+TILE = 128
 # Side in px up to which a frame is one tile: several would read more light from around.
-_ALONE = 256
+_ALONE = 128
 # Width in px of the blocks in which the presence of slices is recorded.
 BLOCK = MIN_TILE
 # Least px on a side of a region, unless the frame is smaller: tiles of a region share work.

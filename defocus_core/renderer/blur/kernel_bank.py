@@ -11,7 +11,6 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import torch
@@ -161,8 +160,6 @@ def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor
     return total
 
 
-# Number of sizes of a window's transforms: quarters of the largest.
-_SIZES = 4
 # Number of slopes of a slice whose tilted kernels are cached.
 _PLANES = 4
 
@@ -180,7 +177,7 @@ class TransformWindow:
     """The transform that the slices of a layer share."""
 
     margin: int  # greatest reach of the slices in px; 0 if they are not blurred at all
-    size: tuple[int, int]  # (height, width) of the largest transform
+    size: tuple[int, int]  # (height, width) of the transform
     level: int  # how many times resolution is halved; margin and size are in px of that resolution
     slices: list[int]  # numbers of the slices that are used
     radii: Tensor  # [k] radii of the slices in px, float64
@@ -190,12 +187,10 @@ class TransformWindow:
     views: tuple[Rim, ...] = ()  # views of the pupil: M counts each part once with each
     # Cached kernels, by number of the slice
     kernels: dict[int, Tensor] = field(default_factory=dict)
-    # Cached spectra, by number of the slice, size, and whether they lean
-    spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
-    # Cached spectra of kernels tilted for planes, by number, size, and slope
-    planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
-        default_factory=dict
-    )
+    # Cached spectra, by number of the slice, and whether they lean
+    spectra: dict[tuple[int, bool], Tensor] = field(default_factory=dict)
+    # Cached spectra of kernels tilted for planes, by number and slope
+    planes: dict[int, dict[tuple[float, float], Tensor]] = field(default_factory=dict)
 
     @property
     def requires_grad(self) -> bool:
@@ -213,66 +208,45 @@ class TransformWindow:
         for slice_index in self.slices if self.requires_grad and self.margin else ():
             self._kernels([slice_index], leaning=True)
 
-    def spectrum(self, slice_index: int, size: tuple[int, int], *, leaning: bool = False) -> Tensor:
+    def spectrum(self, slice_index: int, *, leaning: bool = False) -> Tensor:
         """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
 
         If leaning, those of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...].
         """
-        spectrum = self.spectra.get((slice_index, size, leaning))
+        spectrum = self.spectra.get((slice_index, leaning))
         if spectrum is not None:
             return spectrum
         if self.requires_grad:  # a backward pass computes it again
-            return self._transformed([slice_index], size, leaning=leaning)[0]
+            return self._transformed([slice_index], leaning=leaning)[0]
         slice_indices = self.slices if launches_cost(self.like.device) else [slice_index]
-        spectra = self._transformed(slice_indices, size, leaning=leaning)
+        spectra = self._transformed(slice_indices, leaning=leaning)
         for each, spectrum in zip(slice_indices, spectra, strict=True):
-            self.spectra[each, size, leaning] = spectrum
-        return self.spectra[slice_index, size, leaning]
+            self.spectra[each, leaning] = spectrum
+        return self.spectra[slice_index, leaning]
 
-    def tilted(
-        self, slopes: Mapping[int, tuple[float, float]], size: tuple[int, int]
-    ) -> dict[int, Tensor]:
+    def tilted(self, slopes: Mapping[int, tuple[float, float]]) -> dict[int, Tensor]:
         """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
-        cached = {
-            slice_index: self.planes.setdefault((slice_index, size), {}) for slice_index in slopes
-        }
+        cached = {number: self.planes.setdefault(number, {}) for number in slopes}
         for known in cached.values() if self.requires_grad else ():
             known.clear()
-        missing = [
-            slice_index for slice_index, slope in slopes.items() if slope not in cached[slice_index]
-        ]
+        missing = [number for number, slope in slopes.items() if slope not in cached[number]]
         if missing:
             versions = torch.stack(self._kernels(missing, leaning=True), 1)
-            leans = sent([slopes[slice_index] for slice_index in missing], versions)
+            leans = sent([slopes[number] for number in missing], versions)
             x, y = leans.T.view(2, -1, *[1] * (versions.dim() - 2))
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
-            spectra = kernel_spectra(tilted, size).unsqueeze(2)
-            for slice_index, spectrum in zip(missing, spectra.unbind(), strict=True):
-                if len(cached[slice_index]) >= _PLANES:
-                    cached[slice_index].clear()
-                cached[slice_index][slopes[slice_index]] = spectrum
-        return {slice_index: cached[slice_index][slope] for slice_index, slope in slopes.items()}
+            spectra = kernel_spectra(tilted, self.size).unsqueeze(2)
+            for number, spectrum in zip(missing, spectra.unbind(), strict=True):
+                if len(cached[number]) >= _PLANES:
+                    cached[number].clear()
+                cached[number][slopes[number]] = spectrum
+        return {number: cached[number][slope] for number, slope in slopes.items()}
 
-    def fitting(self, minimum: Sequence[int]) -> tuple[int, int]:
-        """The smallest of a few sizes that has at least the given rows and columns."""
-        height, width = (
-            min(
-                transform_length(-(-n * fraction // _SIZES))
-                for fraction in range(1, _SIZES + 1)
-                if transform_length(-(-n * fraction // _SIZES)) >= wanted
-            )
-            for n, wanted in zip(self.size, minimum, strict=True)
-        )
-        return height, width
-
-    def _transformed(
-        self, slice_indices: list[int], size: tuple[int, int], *, leaning: bool
-    ) -> Sequence[Tensor]:
+    def _transformed(self, slice_indices: list[int], *, leaning: bool) -> Sequence[Tensor]:
         """The spectra of some slices, as `spectrum` returns them."""
         versions = self._kernels(slice_indices, leaning=leaning)
-        chosen = [each[1:] if leaning else each[0] for each in versions]
-        together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]
-        return kernel_spectra(together, size).unsqueeze(2 + leaning).unbind()
+        chosen = torch.stack([each[1:] if leaning else each[0] for each in versions])
+        return kernel_spectra(chosen, self.size).unsqueeze(2 + leaning).unbind()
 
     def _kernels(self, slice_indices: list[int], *, leaning: bool) -> list[Tensor]:
         """The kernels of some slices, each computed alone: a batch could change the last digits."""
@@ -323,29 +297,6 @@ def transform_windows(
         window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]
-
-
-def merged_layers(
-    layers: list[int], sides: list[int], spreads: list[Spread], side: tuple[int, int]
-) -> list[int]:
-    """Merge neighbouring layers of one side whose transforms have the same size.
-
-    `side`: (height, width) of a tile in px.
-    """
-    widest: dict[int, int] = {}
-    for slice_index, spread in zip(layers, spreads, strict=True):
-        widest[slice_index] = max(widest.get(slice_index, 0), spread.coarse)
-    names = [
-        (
-            where,
-            spread.level,
-            widest[slice_index] == 0,
-            *(transform_length((n >> spread.level) + 2 * widest[slice_index]) for n in side),
-        )
-        for slice_index, where, spread in zip(layers, sides, spreads, strict=True)
-    ]
-    other = [name != before for before, name in pairwise(names)]
-    return list(accumulate(other, initial=0))
 
 
 def spreads_of(

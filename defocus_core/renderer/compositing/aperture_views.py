@@ -12,50 +12,39 @@ seen past opaque samples where none of their edges is in reach (`Openings`).
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
-from defocus_core.renderer.compositing.saturating_sum import add_within, shown_behind, summed
+from defocus_core.renderer.compositing.saturating_sum import shown_behind
 from defocus_core.renderer.compositing.sight import Openings, Sight
-from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 
 # Coverage below which a hidden share is rounding.
 _MINIMUM = 1e-6
 
 
-def _greatest(full: Tensor | float, box: Box) -> Tensor | float:
-    """The greatest coverage in a box."""
-    return box.crop(full) if isinstance(full, Tensor) else full
-
-
 def _fraction_hidden(
-    # [M, 1, H, W], coverage of the front before the layer before this one, with which it may share
+    # [M, 1, h, w], coverage of the front before the layer before this one, with which it may share
     # a surface, and before this one
     before: tuple[Tensor, Tensor],
-    front: Tensor,  # [M, C + 1, H, W], the front with what is visible of the layer
+    front: Tensor,  # [M, C + 1, h, w], the front with what is visible of the layer
     shown: ShownLayer | None,
     behind: ShownLayer,
     full: Tensor | float,
-    room: Tensor,  # [h, w], the share of a gap in this box that is no error
+    room: Tensor,  # [h, w], the share of a gap that is no error
 ) -> Tensor:
-    """The share [M, 1, h, w] of a hidden layer that is seen, in its box."""
-    box, maximum = behind.box, _greatest(full, behind.box)
-    coverage = behind.layer[:, -1:].clamp(min=0)
-    whole = coverage
+    """The share [M, 1, h, w] of a hidden layer that is seen."""
+    whole = coverage = behind.layer[:, -1:].clamp(min=0)
     if shown is not None:
-        both = shown.box.grown(0, box)
-        if both.height > 0 and both.width > 0:
-            visible = both.seen_from(shown.box).crop(shown.layer)[:, -1:].clamp(min=0)
-            whole = add_within(coverage.clone(), both.seen_from(box), visible)
-    earlier, now = map(box.crop, before)
-    gap = (maximum - earlier).clamp(min=0) * room
-    expected = torch.minimum(gap * (whole / maximum).clamp(max=1), (maximum - now) * room)
-    added = (expected - (box.crop(front)[:, -1:] - now)).clamp(min=0)
+        whole = whole + shown.layer[:, -1:].clamp(min=0)
+    earlier, now = before
+    gap = (full - earlier).clamp(min=0) * room
+    expected = torch.minimum(gap * (whole / full).clamp(max=1), (full - now) * room)
+    added = (expected - (front[:, -1:] - now)).clamp(min=0)
     added = torch.where(coverage > _MINIMUM, added, 0.0)
     return (added / coverage.clamp(min=_MINIMUM)).clamp(max=1)
 
@@ -101,50 +90,47 @@ class TileCompositor:
         self.sight = sight
         self._full, self._closed = full, closed
         self._covered: dict[int, Tensor] = {}  # before each layer
-        self._hidden: list[tuple[ShownLayer, Tensor, Tensor]] = []  # with shares that are seen
+        self._hidden: list[tuple[Tensor, Tensor]] = []  # what is not seen, and the room for it
         self._reserved: Tensor | None = None
 
     def add(self, number: int, shown: ShownLayer | None, behind: ShownLayer | None) -> None:
         """Add what is visible of a layer, and what is known to be hidden of it."""
         full, sight = self._full, self.sight
         if isinstance(sight, Openings):
-            self._covered[number] = self.coverage()
+            self._covered[number] = self.coverage
         if shown is not None:
-            window = shown.box.crop(self.front)
-            layer, fraction = shown_behind(window, shown.layer, _greatest(full, shown.box))
-            if sight and (seen := sight.crop(shown.box).to_layer(number)) is not None:
+            layer, fraction = shown_behind(self.front, shown.layer, full)
+            if sight and (seen := sight.to_layer(number)) is not None:
                 fraction = fraction * seen
-            self.front = add_within(self.front, shown.box, layer, fraction)
+            self.front = self.front.addcmul(layer, fraction)
             if shown.moved is not None:
-                count = len(shown.moved)
-                moved = self.moved
-                moved = torch.zeros_like(self.front[-count:, :-1]) if moved is None else moved
-                self.moved = add_within(moved, shown.box, shown.moved, fraction[-count:])
+                moved = shown.moved * fraction[-len(shown.moved) :]
+                self.moved = moved if self.moved is None else self.moved + moved
         if behind is not None and isinstance(sight, Openings):
-            room, now = sight.crop(behind.box).to_layer(number), self._covered[number]
+            room, now = sight.to_layer(number), self._covered[number]
             # of opaque surfaces the layer before may hold another part of the same one
             earlier = self._covered.get(number - 1, now) if self._closed else now
             fraction = _fraction_hidden((earlier, now), self.front, shown, behind, full, room)
-            self.front = add_within(self.front, behind.box, behind.layer, fraction)
-            self._hidden.append((behind, fraction, room))
+            self.front = self.front.addcmul(behind.layer, fraction)
+            self._hidden.append((behind.layer * (1 - fraction), room))
 
     def close(self) -> None:
         """Close the gaps in opaque surfaces through which nothing is seen: they are errors."""
         if not isinstance(self.sight, Openings):
             return
-        for behind, fraction, room in self._hidden if self._closed else ():
-            within, window = _greatest(self._full, behind.box), behind.box.crop(self.front)
-            rest, left = shown_behind(window, behind.layer * (1 - fraction), within)
-            self.front = add_within(self.front, behind.box, rest, left * room)
+        for rest, room in self._hidden if self._closed else ():
+            rest, left = shown_behind(self.front, rest, self._full)
+            self.front = self.front.addcmul(rest, left * room)
         covered = self.front[:, -1:]
         gap = (self._full - covered).clamp(min=0) * (1 - self.sight.room)
         larger = 1 + gap / covered.clamp(min=_MIN_ROOM)
         self.front = self.front * larger
         self._enlarge_invented(larger)
 
+    @property
     def coverage(self) -> Tensor:
-        """A copy of the coverage [M, 1, h, w]."""
-        return self.front[:, -1:].clone()
+        """The coverage [M, 1, h, w]."""
+        return self.front[:, -1:]
 
     def set_aside(self, near: Tensor) -> Aside:
         """Go on as if the surfaces nearer than focus were not there, up to `put_together`.
@@ -155,8 +141,8 @@ class TileCompositor:
         # where these cover all, nothing is seen behind: as if it were full
         covered = torch.where(near > full - _MIN_ROOM, full, front[:, -1:] - near)
         aside = Aside(front, covered, self.invented)
-        blank = front.shape[1] - 1
-        self.front, self.invented = pad(covered, (0, 0, 0, 0, blank, 0)), None
+        self.front = torch.cat([torch.zeros_like(front[:, :-1]), covered], 1)
+        self.invented = None
         return aside
 
     def close_gaps(self, aside: Aside) -> None:
@@ -194,23 +180,19 @@ class TileCompositor:
         else:
             self.invented = torch.addcmul(self.invented, covered, share)
 
-    def fill(self, layer: Tensor | None) -> None:
-        """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent."""
-        if layer is None:
-            return
+    def fill(self, layer: Tensor) -> None:
+        """Add an invented surface over the tile, [M, C + 1, h, w]."""
         layer, fraction = shown_behind(self.front, layer, self._maximum)
         if self._negligible:  # in each pixel for itself, whatever else is in the tile
             gap = self._maximum - self.front[:, -1:]
             fraction = fraction * (gap / self._negligible - 1).clamp(0, 1)
         self._add_invented(layer[:, -1], fraction[:, 0])
-        whole = Box(0, 0, *self.front.shape[-2:])
-        self.front = add_within(self.front, whole, layer, fraction)
+        self.front = self.front.addcmul(layer, fraction)
 
     def reserve(self, surfaces: dict[int, ShownLayer]) -> None:
         """Reserve the coverage of layers, so that invented surfaces cannot take it."""
-        size = self.front.shape[-2], self.front.shape[-1]
-        parts = [(shown.box, shown.layer[:, -1:]) for shown in surfaces.values()]
-        self._reserved = summed(parts, size) if parts else None
+        parts = [shown.layer[:, -1:] for shown in surfaces.values()]
+        self._reserved = reduce(torch.add, parts) if parts else None
 
     def leave_open(self) -> None:
         """Count the remaining gaps as covered, with nothing seen in them."""
@@ -229,16 +211,7 @@ class TileCompositor:
         return self._full if self._reserved is None else self._full - self._reserved
 
 
-def _changed(front: Tensor, added: Tensor, factor: Tensor | None = None) -> Tensor:
-    """A front [m, C + 1, h, w] with more coverage, its colours times a factor if there is one.
-
-    `front` is overwritten by the result unless gradients are enabled.
-    """
+def _changed(front: Tensor, added: Tensor, factor: Tensor | float = 1.0) -> Tensor:
+    """A front [m, C + 1, h, w] with more coverage, its colours times a factor."""
     color, coverage = front.tensor_split([-1], 1)
-    if torch.is_grad_enabled():
-        color = color if factor is None else color * factor
-        return torch.cat([color, coverage + added], 1)
-    if factor is not None:
-        color.mul_(factor)
-    coverage.add_(added)
-    return front
+    return torch.cat([color * factor, coverage + added], 1)

@@ -16,10 +16,8 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from defocus_core.renderer.layers.slopes import along_first
-from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.ties import tied, with_gradient
 from defocus_core.tensors.validation import Scalar
@@ -73,53 +71,13 @@ def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tu
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """Add a layer behind the layers composited so far."""
-    layer, fraction = shown_behind(front, layer, full)
-    return (
-        front.addcmul(layer, fraction)
-        if torch.is_grad_enabled()
-        else front.addcmul_(layer, fraction)
-    )
-
-
-def add_within(total: Tensor, box: Box, values: Tensor, fraction: Tensor | None = None) -> Tensor:
-    """Add values [M, C, h, w] of a rectangle, times a share, to a total [M, C, H, W].
-
-    The total is overwritten by the result unless gradients are enabled.
-    """
-    if not torch.is_grad_enabled():
-        window = box.crop(total)
-        window.add_(values) if fraction is None else window.addcmul_(values, fraction)
-        return total
-    H, W = total.shape[-2:]
-    limits = W - box.left - box.width, H - box.top - box.height
-    around = (box.left, limits[0], box.top, limits[1])
-    if fraction is None:
-        return total + pad(values, around)
-    return total.addcmul(pad(values, around), pad(fraction, around))
+    return front.addcmul(*shown_behind(front, layer, full))
 
 
 def add_light(front: Tensor, light: Tensor) -> Tensor:
-    """Add light [M, C, h, w] that covers nothing to the first channels of [M, C + 1 or more, h, w].
-
-    `front` is overwritten by the result unless gradients are enabled.
-    """
+    """Add light [M, C, h, w] that covers nothing to the first channels of a front."""
     channels = light.shape[1]
-    if torch.is_grad_enabled():
-        return torch.cat([front[:, :channels] + light, front[:, channels:]], 1)
-    front[:, :channels].add_(light)
-    return front
-
-
-def summed(layers: Sequence[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor:
-    """The sum [M, C + 1, height, width] of layers that do not occlude each other.
-
-    `layers`: one at least, each [M, C + 1, h, w] within a rectangle; `size`: that of the sum.
-    """
-    first = layers[0][1]
-    total = first.new_zeros(*first.shape[:-2], *size)
-    for box, layer in layers:
-        total = add_within(total, box, layer)
-    return total
+    return torch.cat([front[:, :channels] + light, front[:, channels:]], 1)
 
 
 def picture(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:

@@ -16,7 +16,6 @@ ones then cover them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import reduce
 
 import torch
@@ -24,7 +23,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
-from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
+from defocus_core.renderer.compositing.saturating_sum import add_behind
 from defocus_core.renderer.compositing.sight import Sight
 from defocus_core.renderer.engine.frame import RegionPlace
 from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
@@ -42,40 +41,6 @@ from defocus_core.tensors.pyramid import (
 )
 
 
-class Hidden:
-    """A hidden surface over a tile, as M parts of the aperture see it."""
-
-    def __init__(
-        self,
-        octaves: dict[int, Tensor],
-        enlarged: Callable[[Tensor], Tensor],  # makes px of coarse pixels
-        sight: Sight | None,
-    ) -> None:
-        """Keep the octaves of blur of the surface.
-
-        `octaves`: the octaves [M, C + 1, h, w], in coarse pixels; octaves of one side of focus add
-        up, the sides occlude each other; `sight`: the limits of sight in the tile; None without
-        limits.
-        """
-        self._octaves, self._enlarged, self._sight = octaves, enlarged, sight
-        self._known: dict[int, Tensor] = {}
-
-    def octave(self, octave: int) -> Tensor | None:
-        """One octave in px [M, C + 1, h, w], as far as the lens sees; None if it is absent."""
-        if octave in self._octaves and octave not in self._known:
-            seen = self._enlarged(self._octaves[octave])
-            limit = None if self._sight is None else self._sight.to_octave(octave)
-            self._known[octave] = seen if limit is None else seen * limit
-        return self._known.get(octave)
-
-    def whole(self) -> Tensor | None:
-        """All octaves [M, C + 1, h, w]; None if all are empty."""
-        sides = ([o for o in self._octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
-        of_sides = ([self.octave(octave) for octave in side] for side in sides if side)
-        seen = [reduce(torch.add, [x for x in side if x is not None]) for side in of_sides]
-        return reduce(add_behind, seen, torch.zeros_like(seen[0])) if seen else None
-
-
 class Filling:
     """A hidden surface over the tiles of a region.
 
@@ -89,7 +54,6 @@ class Filling:
         """Prepare a surface that has pixels."""
         frame, slicing = place.frame, place.frame.slices.invented
         self.level = slicing.level
-        self._octave_of_slice = frame.slices.octaves[:: slicing.stride]
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
         self._fine = self._coarse = axes(frame.size, place.inner.top, place.inner.left)
         tiles, around = place.grid.seen_from(place.inner), place.inner.seen_from(place.held)
@@ -120,27 +84,23 @@ class Filling:
         )
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
 
-    def has(self, octave: int, index: int) -> bool:
-        """Whether the surface has pixels of an octave over a tile."""
-        return any(self._octave_of_slice[k] == octave for k in self.plan[index])
-
-    def tile_surface(self, index: int, sight: Sight | None = None) -> Hidden:
-        """The surface over a tile, as far as the lens sees."""
-        tile, coarse = self._tiles[index], self._coarse_of[index]
-        octaves: dict[int, list[tuple[Box, Tensor]]] = {}
+    def octaves(self, index: int, sight: Sight | None) -> dict[int, Tensor]:
+        """The octaves of blur [M, C + 1, h, w] of the surface over a tile, as far as is seen."""
+        octaves: dict[int, Tensor] = {}
         for number, shown in sorted(self._blur.tile_layers(index).items()):
-            of_octave = octaves.setdefault(self._octave_of_layer[number], [])
-            of_octave.append((shown.box, shown.layer))
+            octave = self._octave_of_layer[number]
+            octaves[octave] = octaves[octave] + shown.layer if octave in octaves else shown.layer
+        return {
+            octave: self._seen(index, octave, layer, sight) for octave, layer in octaves.items()
+        }
 
-        def enlarged(surface: Tensor) -> Tensor:
-            if not self.level:
-                return surface
-            return resampled(
-                surface, *(self._axis_weights(d, tile, coarse, surface) for d in (0, 1))
-            )
-
-        size = coarse.height, coarse.width
-        return Hidden({o: summed(layers, size) for o, layers in octaves.items()}, enlarged, sight)
+    def _seen(self, index: int, octave: int, layer: Tensor, sight: Sight | None) -> Tensor:
+        """An octave in px, as far as the lens sees."""
+        if self.level:
+            tile, coarse = self._tiles[index], self._coarse_of[index]
+            layer = resampled(layer, *(self._axis_weights(d, tile, coarse, layer) for d in (0, 1)))
+        limit = None if sight is None else sight.to_octave(octave)
+        return layer if limit is None else layer * limit
 
     def _axis_weights(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
         """The shares of coarse pixels in the pixels of a tile, along one axis."""
@@ -148,12 +108,18 @@ class Filling:
         return linear_weights(first, tile[dim + 2], 0.5**self.level, like.shape[dim - 2], like)
 
 
+def _whole(octaves: dict[int, Tensor]) -> Tensor:
+    """All octaves of a hidden surface: those of one side of focus add up, the sides occlude."""
+    sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
+    seen = [reduce(torch.add, [octaves[o] for o in side]) for side in sides if side]
+    return reduce(add_behind, seen, torch.zeros_like(seen[0]))
+
+
 def composite(
     compositor: TileCompositor,
     surfaces: dict[str, dict[int, ShownLayer]],  # the layers of each kind by their numbers
-    continued: list[Filling],
+    hidden: dict[int, Tensor],  # the octaves of what is continued
     order: CompositeOrder,
-    index: int,
 ) -> None:
     """Add the surfaces over a tile to its views.
 
@@ -162,17 +128,10 @@ def composite(
     visible, known = surfaces[VISIBLE], surfaces.get(HIDDEN, {})
     if HIDDEN in surfaces:
         order = CompositeOrder(0, 0, [])
-    blurred: dict[Filling, Hidden] = {}
-
-    def blurred_once(surface: Filling) -> Hidden:
-        if surface not in blurred:
-            blurred[surface] = surface.tile_surface(index, compositor.sight)
-        return blurred[surface]
 
     def fill(octave: int) -> None:
-        for surface in () if HIDDEN in surfaces else continued:
-            if surface.has(octave, index):
-                compositor.fill(blurred_once(surface).octave(octave))
+        if octave in hidden and HIDDEN not in surfaces:
+            compositor.fill(hidden[octave])
 
     def show(numbers: set[int]) -> None:
         for number in sorted(numbers & indices):
@@ -181,17 +140,17 @@ def composite(
     indices = {*visible, *known}
     near = {k for k in indices if k < order.around}
     show(near)
-    has_more = bool(continued) or max(indices) >= order.beyond if near else False
-    covered = compositor.coverage() if has_more else None
+    has_more = bool(hidden) or max(indices) >= order.beyond if near else False
+    covered = compositor.coverage if has_more else None
     show({k for k in indices - near if k < order.beyond})
     fill(0)
     aside = None
     if covered is not None:
-        before = compositor.coverage()
+        before = compositor.coverage
         for octave, _ in order.ahead:
             if octave < 0:
                 fill(octave)
-        aside = compositor.set_aside(covered + (compositor.coverage() - before))
+        aside = compositor.set_aside(covered + (compositor.coverage - before))
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     later = {first for _, first in order.ahead}
     for k in sorted({k for k in indices if k >= order.beyond} | later):
@@ -203,7 +162,7 @@ def composite(
                 compositor.close_gaps(aside)
         show({k})
     compositor.close()
-    for surface in continued:
-        compositor.fill(blurred_once(surface).whole())
+    if hidden:
+        compositor.fill(_whole(hidden))
     if aside is not None:
         compositor.put_together(aside)

@@ -7,6 +7,7 @@ from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Callable
 from functools import lru_cache, partial
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import torch
@@ -17,7 +18,6 @@ from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import (
     Slicing,
     Spread,
-    merged_layers,
     reach,
     spreads_of,
     transform_windows,
@@ -92,7 +92,7 @@ def frame_of(
         grid = _grid_of(settings, size, device, layer_indices, sample * len(division.parts))
         sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
         slicing = partial(_slicing, radii, sizes, settings.aperture, division.parts, dtype, device)
-        return grid, _slices(radii, layer_indices, (fine, coarse), sizes[0], stride, slicing)
+        return grid, _slices(radii, layer_indices, (fine, coarse), stride, slicing)
 
     return SharedFrame(
         size=size,
@@ -169,14 +169,17 @@ def _slices(
     radii: tuple[float, ...],
     layer_indices: list[int],
     resolutions: tuple[_Resolution, _Resolution],
-    tile: tuple[int, int],
     stride: int,
     slicing: Callable[[_Resolution, list[int], int], Slicing],
 ) -> Slices:
     """The slices of visible and of invented content, at fine and at coarse resolution."""
     fine, coarse = resolutions
     of_hidden = octaves(radii)
-    invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))
+    # what is hidden is composited by octaves; slices that are blurred alike share a transform
+    kinds = [
+        (o, each.level, each.coarse == 0) for o, each in zip(of_hidden, coarse.spreads, strict=True)
+    ]
+    invented = list(accumulate((kind != before for before, kind in pairwise(kinds)), initial=0))
     return Slices(
         composite_order(radii, layer_indices),
         of_hidden,

@@ -74,7 +74,8 @@ class Region:
         for kind in (HIDDEN, UNCOVERED):
             if layers := seen.layers_of(kind):
                 self._blurs[kind] = blur_of(samples_within(place, layers))
-        self._continued = [Filling(place, layer) for layer in seen.layers_of(CONTINUED)]
+        continued = seen.layers_of(CONTINUED)
+        self._continued = Filling(place, continued[0]) if continued else None
         division = frame.division
         centre = division.parts[division.centre]
         # Shares of the parts of the aperture that look into the frame, and as far as it goes on
@@ -144,16 +145,13 @@ class Region:
         if UNCOVERED in surfaces:
             compositor.reserve(surfaces[UNCOVERED])
         order = frame.slices.composite_order
-        composite(compositor, surfaces, self._reaching(index), order, index)
+        hidden = self._continued.octaves(index, sight) if self._continued else {}
+        composite(compositor, surfaces, hidden, order)
         if content.alpha is Alpha.COVERED:
             compositor.front = with_coverage(compositor.front)
         if content.open:
             compositor.leave_open()
         return compositor
-
-    def _reaching(self, index: int) -> list[Filling]:
-        """The hidden surfaces that reach a tile."""
-        return [surface for surface in self._continued if surface.plan[index]]
 
     def _lit(self, views: Tensor, index: int) -> Tensor:
         """The views of all parts, with highlights.
@@ -182,15 +180,11 @@ class Region:
     def _counts(self, index: int) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
         windows, area = self._frame.slices.visible.windows, self._tiles[index].area
-        of_visible, reaching = self._blurs[VISIBLE], self._reaching(index)
-        pieces = of_visible.pieces[index]
-        visible = [windows[slice_index] for slice_index in of_visible.surface.plan[index]]
-        done = [(window, window.level) for window in visible]
-        done += [
-            (surface.windows[slice_index], surface.level + surface.windows[slice_index].level)
-            for surface in reaching
-            for slice_index in surface.plan[index]
-        ]
+        visible = self._blurs[VISIBLE].surface.plan[index]
+        done = [(windows[slice_index], windows[slice_index].level) for slice_index in visible]
+        if (hidden := self._continued) is not None:
+            reaching = [hidden.windows[slice_index] for slice_index in hidden.plan[index]]
+            done += [(window, hidden.level + window.level) for window in reaching]
         return {
             "pixels": area,
             "pixels_copied": 0 if any(window.margin for window, _ in done) else area,
@@ -199,9 +193,7 @@ class Region:
             "slice_tiles_done": len(done),
             "slice_tiles_blurred": sum(window.margin > 0 for window, _ in done),
             "slice_tiles_reduced": sum(level > 0 for _, level in done),
-            "layer_pixels": area * len(pieces),
-            "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
-            "tiles_with_hidden": int(bool(reaching)),
+            "tiles_with_hidden": int(len(done) > len(visible)),
         }
 
 

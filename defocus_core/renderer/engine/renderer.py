@@ -27,7 +27,7 @@ from defocus_core.tensors.views import ViewTensors, added, assemble
 # Counts that are 0 for copied tiles.
 _COMPUTED = (
     *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced"),
-    *("layer_pixels", "layer_pixels_done", "tiles_with_hidden"),
+    "tiles_with_hidden",
 )
 
 

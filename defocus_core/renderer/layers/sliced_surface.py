@@ -23,7 +23,7 @@ from defocus_core.renderer.layers.slice_radii import (
     slice_position,
 )
 from defocus_core.renderer.layers.slopes import Shifts
-from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
+from defocus_core.tensors.box import BLOCK, Box, Grid, Span
 from defocus_core.tensors.neighbourhoods import flat_nonzero
 from defocus_core.tensors.pyramid import Axis, averaged
 
@@ -52,42 +52,25 @@ def level_beyond(slopes: Tensor, box: Box) -> Tensor:
     return whole
 
 
-# Blocks that are tested against tiles at once: bounds memory.
-_COUNTED = 1 << 21
-
-
 def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list[list[int]]:
     """For each tile the indices of the slices whose blur reaches it, nearest first.
 
-    `blocks`: [K, rows, columns] bool, from `blocks_of` and `blocks_at`; `reaches`: blur radius of
-    each slice, in px.
+    `blocks`: [K, rows, columns] bool on the CPU, from `blocks_of`; `reaches`: blur radius of each
+    slice, in px.
     """
-    reached = []
-    down, across = ([tile.sides[d] for tile in tiles] for d in (0, 1))
-    rows, columns = list(dict.fromkeys(down)), list(dict.fromkeys(across))
-    for chunk in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // blocks[0].numel())):
-        occupied = blocks[chunk[0] : chunk[-1] + 1].float().cpu()
-        reach = torch.tensor(reaches)[chunk, None]
-        within = (
-            _within_reach(rows, reach, occupied.shape[1]),
-            _within_reach(columns, reach, occupied.shape[2]),
-        )
-        reached.append(within[0] @ occupied @ within[1].mT > 0)  # [K, rows, columns] of tiles
-    reaching = torch.cat(reached).permute(1, 2, 0)
-    return [
-        torch.nonzero(reaching[rows.index(y), columns.index(x)])[:, 0].tolist()
-        for y, x in zip(down, across, strict=True)
-    ]
-
-
-def _within_reach(sides: list[Span], reach: Tensor, count: int) -> Tensor:
-    """Which of `count` blocks along an axis are within reach [K, 1] px of sides: [K, n, count]."""
-    first, end = (
-        torch.tensor([getattr(side, name) for side in sides]) for name in ("first", "end")
-    )
-    first_block, end_block = (first - reach) // BLOCK, -((-end - reach) // BLOCK)
-    block = torch.arange(count)
-    return ((block >= first_block[..., None]) & (block < end_block[..., None])).float()
+    sums = pad(blocks.int().cumsum(1).cumsum(2), (1, 0, 1, 0))
+    slices, reach = torch.arange(len(blocks)), torch.tensor(reaches)
+    ends = []
+    for side, count in zip(
+        zip(*(tile.sides for tile in tiles), strict=True), blocks.shape[1:], strict=True
+    ):
+        first, end = torch.tensor(side)[..., None].unbind(1)
+        last = (-((-end - reach) // BLOCK)).clamp(0, count)
+        ends.append((((first - reach) // BLOCK).clamp(min=0).minimum(last), last))
+    (top, below), (left, beside) = ends  # [tiles, K] each
+    inside = sums[slices, below, beside] - sums[slices, top, beside]
+    inside += sums[slices, top, left] - sums[slices, below, left]
+    return [torch.nonzero(held)[:, 0].tolist() for held in inside]
 
 
 def blocks_of(
@@ -138,114 +121,6 @@ def _slices_beside(
         before = torch.where(between, slice_before(positions), before)
         after = torch.where(between, (before + 1).clamp(max=count - 1), after)
     return before.long(), after.long()
-
-
-class Patch(NamedTuple):
-    """The rectangles of a layer in and around a tile."""
-
-    lit: Box  # where the layer has pixels whose blur reaches the tile
-    shown: Box  # where in the tile the blurred layer shows
-    margin: int  # blur radius of the layer, in px
-
-    @property
-    def minimum(self) -> tuple[int, int]:
-        """The least (height, width) of a transform that blurs the layer."""
-        down, across = (
-            min_transform(lit, shown, self.margin)
-            for lit, shown in zip(self.lit.sides, self.shown.sides, strict=True)
-        )
-        return down, across
-
-    @property
-    def corner(self) -> tuple[int, int]:
-        """The first row and column of both rectangles."""
-        return min(self.lit.top, self.shown.top), min(self.lit.left, self.shown.left)
-
-    def transformed(self, size: tuple[int, int], tile: Box, maximum: tuple[int, int]) -> Box:
-        """The window that a transform of the given (height, width) reads.
-
-        It lies within the window of the whole tile, whose size is `maximum`.
-        """
-        top, left = (
-            min(self.corner[d], tile[d] - self.margin + maximum[d] - size[d]) for d in (0, 1)
-        )
-        return Box(top, left, *size)
-
-
-def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) -> Patch | None:
-    """The patch of a layer in a rectangle; None if the layer does not reach it.
-
-    `margin`: blur radius of the layer, in px.
-    """
-    lit = [
-        layer_side.intersection(wanted_side.grown(margin))
-        for layer_side, wanted_side in zip(held, wanted, strict=True)
-    ]
-    shown = [
-        layer_side.grown(margin).intersection(wanted_side)
-        for layer_side, wanted_side in zip(lit, wanted, strict=True)
-    ]
-    if min(span.length for span in (*lit, *shown)) <= 0:
-        return None
-    return Patch(Box.from_spans(*lit), Box.from_spans(*shown), margin)
-
-
-def patches(
-    occupied: Tensor, tiles: list[Box], margins: list[int], size: tuple[int, int]
-) -> list[list[Patch | None]]:
-    """For each layer its patch in each tile; None if the layer does not reach the tile.
-
-    `occupied`: [L, rows, columns] bool, the blocks in which layers have pixels; `margins`: blur
-    radius of each layer, in px; `size`: (height, width) of the layers in px.
-    """
-    whole, margin_px = Box(0, 0, *size), torch.tensor(margins)[:, None]
-    corners = torch.tensor(tiles)
-    down, across = (
-        _blocks(corners[:, d] - margin_px, corners[:, d] + corners[:, d + 2] + margin_px, size[d])
-        for d in (0, 1)
-    )
-    extents = _extents(occupied, down, across), _extents(occupied.mT, across, down)
-    return [
-        [
-            patch_of(_in_px(held, whole), tile.sides, margin)
-            if all(first < end for first, end in held)
-            else None
-            for tile, held in zip(tiles, zip(*layer_extents, strict=True), strict=True)
-        ]
-        for margin, layer_extents in zip(margins, zip(*extents, strict=True), strict=True)
-    ]
-
-
-def _blocks(first: Tensor, end: Tensor, length: int) -> Tensor:
-    """From px to blocks along an axis: the first block and the one after the last, [L, n, 2]."""
-    return torch.stack([first.clamp(min=0), end.clamp(0, length) + (BLOCK - 1)], 2) // BLOCK
-
-
-def _in_px(held: Sequence[list[int]], whole: Box) -> tuple[Span, Span]:
-    """Rows and columns of pixels, from rows and columns of blocks."""
-    down, across = (
-        Span(first * BLOCK, end * BLOCK).intersection(side)
-        for (first, end), side in zip(held, whole.sides, strict=True)
-    )
-    return down, across
-
-
-def _extents(occupied: Tensor, along: Tensor, beside: Tensor) -> list[list[list[int]]]:
-    """In each of n rectangles the first occupied row and the one after the last: L x n x 2.
-
-    `occupied`: [L, rows, columns] bool; `along`: [L, n, 2] the first row of each rectangle, and the
-    one after the last; `beside`: [L, n, 2] the first column of each rectangle, and the one after
-    the last.
-    """
-    rows = occupied.shape[1]
-    count = pad(occupied.to(torch.int32), (1, 0)).cumsum(2)
-    first, end = (count.gather(2, x[:, None].expand(-1, rows, -1)) for x in beside.unbind(2))
-    held = end > first  # [L, rows, n]
-    row = torch.arange(rows)[:, None]
-    held &= (row >= along[:, None, :, 0]) & (row < along[:, None, :, 1])
-    number = held.to(torch.int32)
-    start, stop = number.argmax(1), rows - number.flip(1).argmax(1)
-    return torch.stack([start, torch.where(held.any(1), stop, start)], 2).tolist()
 
 
 # Slopes in px per px that differ by less are equal: pictures change by less than 2e-6.
@@ -331,7 +206,6 @@ class SlicedSurface:
         samples: SurfaceSamples,
         radii: tuple[float, ...],  # signed radius of each slice, in px
         reaches: list[int],  # blur radius of each slice, in px
-        layers: list[int],
         grid: Grid,
         before: int,  # greatest distance in px from the first row or column of a window to its tile
         beyond: int,  # greatest distance in px from the first row of a tile to the end of a window
@@ -344,7 +218,7 @@ class SlicedSurface:
         self._given = Box(-around.top, -around.left, *size)
         H, W = around[2:]
         first, last = grid.tiles[0], grid.tiles[-1]
-        self._tiles, self._layers, self._own = grid.tiles, layers, Box(0, 0, H, W)
+        self._tiles, self._own = grid.tiles, Box(0, 0, H, W)
         top, left = min(first.top - before, 0), min(first.left - before, 0)
         below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
         self._framed_box = Box(top, left, below - top, beside - left)
@@ -408,21 +282,6 @@ class SlicedSurface:
         """Cut a rectangle, counted from the first sample, from framed values [..., h, w]."""
         return box.seen_from(self._framed_box).crop(values)
 
-    def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
-        """The patches of layers in each tile; margins are blur radii in px, by number of layer."""
-        blocks = [
-            self._blocks[
-                [
-                    slice_index
-                    for slice_index, other in enumerate(self._layers)
-                    if other == layer_index
-                ]
-            ]
-            for layer_index in margins
-        ]
-        occupied = torch.stack([each.any(0) for each in blocks])
-        return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
-
     def members(self, slice_indices: range, box: Box) -> Tensor:
         """Slices of one layer within a box, [C + 1, k, ..., height, width]."""
         numbers = self._slice_numbers[slice_indices.start : slice_indices.stop]
@@ -468,10 +327,6 @@ class SlicedSurface:
             self._planes.slopes(slice_indices, box) if self._planes else [None] * len(slice_indices)
         )
 
-    def bounds(self, slice_indices: list[int]) -> Box:
-        """The rectangle of blocks that hold samples of the given slices."""
-        return _bounds(self._blocks[slice_indices], self._own) or Box(0, 0, 0, 0)
-
     def averaged(
         self, slice_index: int, level: int, coarse: Box, middle: tuple[Axis, Axis], *, tilted: bool
     ) -> Tensor:
@@ -479,8 +334,8 @@ class SlicedSurface:
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].light
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
-        bounds = self.bounds([slice_index])
-        if not bounds.width:
+        bounds = _bounds(self._blocks[[slice_index]], self._own)
+        if bounds is None:
             return result
         box = _aligned(bounds, 1 << level, middle).grown(0, self._own)
         pixels = self.members(range(slice_index, slice_index + 1), box)[:, 0][None]
