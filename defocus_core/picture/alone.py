@@ -23,12 +23,7 @@ def views_alone(take: Take) -> tuple[ViewTensors, float] | None:
 
     None where torch must render: several surfaces, or depth that may need repair.
     """
-    from defocus_core.renderer.compiled.carried import (
-        CHANNELS,
-        bytes_of_loops,
-        carries_pair,
-        carries_settings,
-    )
+    from defocus_core.renderer.compiled.carried import CHANNELS, bytes_of_loops, carries_settings
     from defocus_core.tensors.box import Box
     from defocus_core.tensors.views import ViewTensors
 
@@ -40,8 +35,7 @@ def views_alone(take: Take) -> tuple[ViewTensors, float] | None:
     height, width = take.shown.shape
     bound = bytes_of_loops((height, width), settings, edges=True) / memory.MB
     fits = take.inputs.arrays_mb + bound <= capacity_mb(take.job.machine)
-    pair = not settings.left_right or carries_pair(settings)
-    if not (fits and pair and carries_settings(settings)):
+    if not (fits and carries_settings(settings)):
         return None
     from defocus_core.renderer.compiled.arrays import rendered_alone
     from defocus_core.renderer.compiled.once import compile_once

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from defocus_core.renderer.compiled.carried import by_loops, carries_pair, carries_surface
+from defocus_core.renderer.compiled.carried import by_loops, carries_surface
 from defocus_core.renderer.engine.scene import Scene, Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors.box import Box
@@ -20,7 +20,6 @@ def views_alone(scene: Scene, settings: Settings) -> ViewTensors | None:
         or not by_loops(scene)
         or scene.image.dtype != torch.float32
         or settings.psf_ks is not None
-        or (settings.left_right and not carries_pair(settings))
         or not _is_seen(scene, settings)
     ):
         return None

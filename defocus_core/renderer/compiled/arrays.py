@@ -13,7 +13,7 @@ from defocus_core.depth.ramps import reduction
 from defocus_core.renderer.compiled import back
 from defocus_core.renderer.compiled.back import Samples
 from defocus_core.renderer.compiled.bands import Bounds
-from defocus_core.renderer.compiled.carried import CHANNELS, carries_pair
+from defocus_core.renderer.compiled.carried import CHANNELS
 from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.look import DepthLook, look_at_depth, look_at_light
 from defocus_core.renderer.compiled.mixed import set_light, split_mixed
@@ -116,13 +116,12 @@ def render_samples(
 ) -> tuple[NDArray[np.float32], int]:
     """The views [1 or 3, C + 1, H, W] of some channels, and the number of px below 0.
 
-    A view holds the colours and trust. Left and right are rendered only if they are carried.
+    A view holds the colours and trust.
     """
-    pair, count = settings.left_right and carries_pair(settings), channels.stop
-    bounds = _bounds(statistics, count, settings)
+    bounds = _bounds(statistics, channels.stop, settings)
     found, darker = back.render(
         samples,
-        lights[: 3 if pair else 1],
+        lights[: 3 if settings.left_right else 1],
         bounds._replace(range=bounds.range[channels]),
         outline=settings.aperture.fixed.outline,
         min_slope=quality_of(settings.quality).min_slope,
@@ -137,8 +136,7 @@ def counts_of(radius: NDArray[np.float32], darker: int, settings: Settings) -> d
     """The counts of a rendering of radii [H, W] px, of which `darker` px were below 0."""
     in_focus = int(np.count_nonzero(np.abs(radius) <= SHARP))
     counts = {"pixels": radius.size, "pixels_copied": in_focus, "tiles": 1}
-    pair = settings.left_right and carries_pair(settings)
-    return counts | ({"pixels_clamped": darker} if pair else {})
+    return counts | ({"pixels_clamped": darker} if settings.left_right else {})
 
 
 def samples_of(

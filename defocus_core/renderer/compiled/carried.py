@@ -6,6 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT
 from defocus_core.renderer.compiled.openings import has_spans
 from defocus_core.renderer.layers.slice_radii import plane_of
@@ -35,8 +36,9 @@ def carries(frame: SharedFrame, scene: InFocus) -> bool:
     """Whether the compiled back supports a scene and its settings.
 
     Not supported: gradients, other devices, float64, qualities but the standard, an exact number of
-    slices, tiles of a given side, openings with a hole or uneven light, cat's eyes, layers, and
-    blur much wider than the frame. A plane is left to torch, for which it is one convolution.
+    slices, tiles of a given side, openings with a hole or uneven light, photodiodes that see more
+    than a half of the lens, cat's eyes, layers, and blur much wider than the frame. A plane is left
+    to torch, for which it is one convolution.
     """
     is_plane = plane_of(*frame.content.limits) is not None
     whole = scene.layers is None and not is_plane and not frame.cut
@@ -60,6 +62,7 @@ def carries_settings(settings: Settings) -> bool:
         and settings.num_layers is None
         and settings.tile is None
         and settings.cat_eye is None
+        and _has_halves(settings.dual_pixel)
         and _is_even(settings.aperture)
         and available()
     )
@@ -92,10 +95,9 @@ def bytes_of_loops(
     return _CODE + height * width * pixel + settings.threads * _ROWS * row
 
 
-def carries_pair(settings: Settings) -> bool:
-    """Whether the compiled back also renders left and right: each the view of half the lens."""
-    apart = settings.dual_pixel.separation
-    return settings.dual_pixel.halves == (LEFT, RIGHT) and isinstance(apart, float)
+def _has_halves(dual_pixel: DualPixel) -> bool:
+    """Whether left and right are each the view of half the lens, without a gradient."""
+    return dual_pixel.halves == (LEFT, RIGHT) and isinstance(dual_pixel.separation, float)
 
 
 def by_loops(surface: Surface) -> bool:

@@ -18,51 +18,44 @@ from defocus_core.renderer.compiled.arrays import (
 )
 from defocus_core.renderer.compiled.back import HiddenSamples, Samples
 from defocus_core.renderer.compiled.carried import CHANNELS, by_loops
-from defocus_core.renderer.engine.frame import Content, RegionPlace, SharedFrame
-from defocus_core.renderer.engine.scene import InFocus, Surface
-from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame
+from defocus_core.renderer.engine.scene import InFocus
 from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
 from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.views import ViewTensors
 
 
-def rendered(
-    scene: Surface, settings: Settings, content: Content, frame: SharedFrame | None = None
-) -> ViewTensors:
-    """The views of a surface; only the centre if the back does not carry left and right.
-
-    frame: of the picture, for surfaces that torch finds.
-    """
-    statistics = Statistics(*(getattr(content, name) for name in Statistics._fields))
-    groups, negative = [], 0
-    for some, samples, lights in _sampled(scene, content, statistics, frame):
-        found, darker = render_samples(samples, lights, statistics, settings, some)
+def rendered(in_focus: InFocus, frame: SharedFrame) -> ViewTensors:
+    """The views of a surface."""
+    statistics = Statistics(*(getattr(frame.content, name) for name in Statistics._fields))
+    groups, negative, scene = [], 0, in_focus.surface
+    for some, samples, lights in _sampled(in_focus, statistics, frame):
+        found, darker = render_samples(samples, lights, statistics, frame.settings, some)
         del samples, lights  # large arrays
         groups.append(torch.from_numpy(found[:, :-1]))
         negative = max(negative, darker)
     images = groups[0] if len(groups) == 1 else torch.cat(groups, 1)
-    counts = counts_of(scene.signed_radius.detach().numpy(), negative, settings)
+    counts = counts_of(scene.signed_radius.detach().numpy(), negative, frame.settings)
     box = Box(0, 0, *scene.signed_radius.shape)
     return ViewTensors(list(images), torch.from_numpy(found[0, -1:]), counts, box)
 
 
 def _sampled(
-    scene: Surface, content: Content, statistics: Statistics, frame: SharedFrame | None
+    in_focus: InFocus, statistics: Statistics, frame: SharedFrame
 ) -> Iterator[tuple[slice, Samples, NDArray[np.float32]]]:
     """The channels that are rendered at once, their surfaces, and lights to add.
 
     Compiled loops find the surfaces of three colours without lights and without a matte.
     """
-    count, unit = len(scene.image), statistics.unit
-    if by_loops(scene) and not content.highlights:
+    scene, unit = in_focus.surface, statistics.unit
+    if by_loops(scene) and not frame.content.highlights:
         image, radius = (x.detach().float().contiguous().numpy() for x in scene.tensors)
         # held by the caller alone, who lets go of them before the next are made
         yield slice(0, CHANNELS), samples_of(image, radius, statistics), NO_LIGHTS
         return
-    assert frame is not None
     from defocus_core.renderer.engine.region_layers import backdrop_in, discs, layers_at
 
-    whole, in_focus = frame.box, InFocus.from_scene(scene)
+    whole, count = frame.box, len(scene.image)
     place = RegionPlace.from_grid(frame, Grid([whole], whole[2:], 1))
     place = place._replace(outer=whole, held=whole, inside=whole, core=whole)
     seen = layers_at(place, in_focus, backdrop_in(frame, in_focus))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from defocus_core.renderer.compiled.carried import by_loops, bytes_of_loops, carries_pair
+from defocus_core.renderer.compiled.carried import by_loops, bytes_of_loops
 from defocus_core.renderer.engine.frame import SharedFrame, corner_views
 from defocus_core.renderer.engine.plan import copies_of_tile
 from defocus_core.renderer.engine.renderer import Renderer
@@ -30,10 +30,7 @@ def memory_bound(renderer: Renderer, threads: int) -> float:
     content, settings = renderer.frame.content, replace(renderer.frame.settings, threads=threads)
     others = not by_loops(renderer.in_focus.surface)
     options = {"edges": content.edges, "lights": content.highlights, "others": others}
-    bound = bytes_of_loops(renderer.size, settings, **options)
-    if settings.left_right and not carries_pair(settings):
-        bound = max(bound, _bound_of_torch(renderer, threads))
-    return bound
+    return bytes_of_loops(renderer.size, settings, **options)
 
 
 def _bound_of_torch(renderer: Renderer, threads: int) -> float:

@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth
 from defocus_core.renderer.compiled.alone import needs_no_repair
-from defocus_core.renderer.compiled.carried import carries, carries_pair
+from defocus_core.renderer.compiled.carried import carries
 from defocus_core.renderer.engine.frame import SharedFrame, darkened
 from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
 from defocus_core.renderer.engine.scene import InFocus, Scene, Surface
@@ -84,7 +84,7 @@ class Renderer:
 
     @property
     def back(self) -> str:
-        """The back that blurs and composites the centre view: ``compiled`` or ``torch``."""
+        """The back that blurs and composites: ``compiled`` or ``torch``."""
         return "compiled" if carries(self.frame, self.in_focus) else "torch"
 
     def tiles(self, progress: Callable[[int, int], None] | None = None) -> Iterator[ViewTensors]:
@@ -107,23 +107,18 @@ class Renderer:
             yield part
 
     def _parts(self, progress: Callable[[int, int], None] | None) -> Iterator[ViewTensors]:
-        compiled = None
         if self.back == "compiled":
             from defocus_core.renderer.compiled.once import compile_once
             from defocus_core.renderer.compiled.picture import rendered
 
             compile_once()
-            content = self.frame.content
-            compiled = rendered(self.in_focus.surface, self._settings, content, self.frame)
-            if not self._settings.left_right or carries_pair(self._settings):
-                if progress:
-                    progress(1, 1)
-                return iter([compiled])
+            views = rendered(self.in_focus, self.frame)
+            if progress:
+                progress(1, 1)
+            return iter([views])
         from defocus_core.renderer.engine.regions import rendered_regions
 
         parts = rendered_regions(self.frame, self.in_focus, progress)
-        if compiled is not None:
-            parts = (_recentred(part, compiled) for part in parts)
         if self.in_focus.layers is not None and not self.in_focus.layers.with_alpha:
             parts = map(without_alpha, parts)
         cat_eye = self.frame.settings.cat_eye
@@ -150,18 +145,6 @@ class Renderer:
     def stats(self) -> dict[str, int]:
         """Counts of the work done and skipped in the regions computed so far."""
         return _total(self.frame, self._counts)
-
-
-def _recentred(part: ViewTensors, centre: ViewTensors) -> ViewTensors:
-    """Left and right, scaled so that their mean is a centre view that was rendered alone.
-
-    Their ratio is kept.
-    """
-    other = part.box.crop(centre.images[0])
-    own = part.images[0]
-    ratio = other / torch.where(own == 0, 1.0, own)
-    images = [torch.where(own == 0, other, image * ratio) for image in part.images[1:]]
-    return part._replace(images=[other, *images], trust=part.box.crop(centre.trust))
 
 
 def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors]) -> ViewTensors:
