@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -25,6 +26,9 @@ from defocus_core.request.pairing import find_pictures
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
 
+# Options that the page chooses, with their values, and others of this command alone.
+_CHOSEN = ("--blur", "--fnumber", "--focus", "--focus-at", "--focus-value", "-o", "--out")
+_OWN = ("--quiet", "-q", "--verbose", "-v")
 _SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there is no pair
 
 
@@ -72,7 +76,19 @@ def command(
     with tile_bar("picture") as progress:
         write_choice(
             *(pictures[0], lens, known, out, machine, progress),
+            command=_rendering(typed),
             whole_surface="sharp-range" in one.own.keys() - lenses.own.keys(),
             either_end=reading.invert is None and not own_format(pictures[0].depth),
         )
     console.stdout(f"{out}: a page to choose on, for a browser")
+
+
+def _rendering(typed: Sequence[str]) -> list[str]:
+    """The words of a command that renders the picture, without what the page chooses."""
+    words, rest = ["defocus", "render"], iter(typed[2:])
+    for word in rest:
+        if word in _CHOSEN:
+            next(rest)
+        elif word not in _OWN and not word.startswith(tuple(f"{name}=" for name in _CHOSEN)):
+            words.append(word)
+    return words

@@ -7,16 +7,15 @@ of relative depth near. The page shows the one nearest to the choice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.journal.resume import settings
 from defocus_core.errors import InputError, printable
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN
@@ -33,9 +32,8 @@ from defocus_core.reports.html.layers import pack
 from defocus_core.reports.html.page import KEYS, plain, write_page
 from defocus_core.reports.html.thumbnails import encoded, resized
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.job_options import READING_OPTIONS
-from defocus_core.request.lens import DEFAULTS, LensValues, lens_record
-from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS, RECORDED
+from defocus_core.request.lens import LensValues
+from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.quantities import Unitless
 from defocus_core.system.text import command_line
 
@@ -94,13 +92,15 @@ def write_choice(
     machine: Machine,
     progress: Progress | None = None,
     *,
+    command: Sequence[str],
     whole_surface: bool = False,
     either_end: bool = False,
 ) -> None:
     """Write the page of a picture.
 
-    `whole_surface`: whether that in focus is sharp to its edges, as in a first picture;
-    `either_end`: whether the reader chooses which end of relative depth is near.
+    `command`: the words of that which renders it, without focus and strength; `whole_surface`:
+    whether that in focus is sharp to its edges, as in a first picture; `either_end`: whether the
+    reader chooses which end of relative depth is near.
     """
     load()
     job = Job(picture, lens, reading, Outputs(Path()), machine)
@@ -116,7 +116,7 @@ def write_choice(
     strengths, inverted = _strengths(lens), depth.inverted
     ends: tuple[bool, ...] = (inverted,)
     if either_end and depth.is_relative:
-        ends, job = (inverted, not inverted), replace(job, reading=replace(reading, invert=None))
+        ends = inverted, not inverted
     layer = Layer("render", "render", LIGHT, ("R", "G", "B"), depth.size, None)
     sharp = replace(layer, key="input", title="input", thumbnail=_jpeg(small.inputs.color))
     renders = [[[layer] * len(strengths) for _ in focuses] for _ in ends]
@@ -137,7 +137,7 @@ def write_choice(
         "place": list(lens.focus_at or subject_of(depth).scaled(depth.size)),
         "strength": _ASKED,
         "ends": [_END[is_black] for is_black in ends],
-        "command": _command(job, small.inputs.color),
+        "command": command_line([*command, "-o", f"out.{'jpg' if color.within_white else 'exr'}"]),
     }
     title = f"Focus and blur of {printable(picture.color.name)}"
     write_page(
@@ -284,71 +284,3 @@ def _strength_words(lens: LensValues) -> dict[str, str]:
         return {"words": f"f/{lens.fnum:g}", "option": f"--fnumber {lens.fnum:g}"}
     text = LENS_OPTIONS["blur"].text(lens.blur)
     return {"words": f"blur {text}", "option": f"--blur {text}"}
-
-
-def _command(job: Job, color: Color) -> str:
-    """The command without focus and strength."""
-    record = lens_record(job.lens) | {key: str(path) for key, path in job.lens.files.items()}
-    chosen = ("blur", "focus_value", "focus_mm", "focus_at_px", "focus_percentile", "fnumber")
-    record = {key: value for key, value in record.items() if key not in chosen}
-    out = "out.jpg" if color.within_white else "out.exr"
-    return command_line(render_words(job.picture, out, record, settings(job)))
-
-
-# Options by the keys of a lens record; other keys tell how the lens was chosen.
-_LENS = {**RECORDED, **EFFECT_OPTIONS}
-_CHOICE = frozenset({"focus_at_px", "focus_percentile", "draw"})
-_MACHINE = ("quality", "depth_repair", "tile")
-
-
-def render_words(
-    picture: PictureFiles, out: object, lens: Mapping[str, Any], settings: Mapping[str, Any]
-) -> list[object]:
-    """The words of a command that renders a picture."""
-    words: list[object] = ["defocus", "render", picture.color]
-    words += [] if picture.depth == picture.color else [picture.depth]
-    words += ["-o", out, *_lens_words(lens)]
-    for role, other in picture.others.items():
-        words += [f"--{role}", other.color]
-        words += [other.depth] if role == "hidden" or other.depth != other.color else []
-    words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
-    machine = {key: settings[key] for key in _MACHINE if key in settings}
-    if machine["quality"] == Machine.quality:
-        del machine["quality"]
-    return words + _option_words(machine)
-
-
-def _lens_words(lens: Mapping[str, Any]) -> list[object]:
-    """The options of a lens."""
-    words: list[object] = []
-    for key, value in lens.items():
-        if value is None or key in _CHOICE or value == DEFAULTS.get(_LENS[key].field):
-            continue
-        row = _LENS[key]
-        text = value if isinstance(value, Path) else row.text(value) + row.optional_unit
-        words += [f"--{row.name}", text]
-    return words
-
-
-def _option_words(values: Mapping[str, Any]) -> list[object]:
-    """The options of plain settings; those at their default are left out."""
-    words: list[object] = []
-    for field, value in values.items():
-        if field == "relative":  # implied by a blur in pixels
-            continue
-        option = f"--{field.replace('_', '-')}"
-        row = READING_OPTIONS.get(option.removeprefix("--"))
-        if row is not None and row.flag:
-            words.append(option)
-        elif row is not None and row.toggle:
-            words.append(option if value else f"--no-{row.name}")
-        elif row is not None:
-            text = row.text(value)
-            words += [option, *(text.split() if row.words > 1 else [text])]
-        elif field == "geometry":
-            words.append(f"--{value}")
-        elif field == "kinds":
-            words += ["--outputs", ",".join(value)]
-        else:
-            words += [option] if value is True else [option, f"{value}"]
-    return words
