@@ -114,7 +114,7 @@ class Golden:
     def _place(self, name: str, suffix: str) -> Path:
         """The path of a golden of this test below the folder, without following links."""
         from defocus_core.errors import reason
-        from defocus_core.io.below import Folder
+        from defocus_core.io.write_files import Folder
 
         __tracebackhide__ = True
         below = f"name must be that of a file below {self.folder}, and end in no number"

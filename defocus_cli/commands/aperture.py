@@ -9,7 +9,7 @@ import click
 from defocus_cli.options.job import opening_options
 from defocus_cli.options.shared import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
-from defocus_core.io.replacing import identities, require_replaceable
+from defocus_core.io.write_files import identities, require_replaceable
 from defocus_core.picture.opening import write_aperture
 from defocus_core.request.lens import LensValues
 from defocus_core.request.quantities import pixel_count

@@ -20,7 +20,7 @@ from defocus_cli.options.shared import (
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_core.errors import UsageProblem
-from defocus_core.io.replacing import require_replaceable
+from defocus_core.io.write_files import require_replaceable
 from defocus_core.picture.lens_fit import FitOptions, fit_files, words, write_lens
 from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.parameters import LENS_OPTIONS

@@ -10,7 +10,7 @@ from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, ou
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.errors import InputError
-from defocus_core.io.replacing import require_replaceable
+from defocus_core.io.write_files import require_replaceable
 from defocus_core.request.lens_files import shipped_lenses
 
 

@@ -53,7 +53,7 @@ class ReportPath(FilePath):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path, if it does not exist or is an earlier report."""
-        from defocus_core.io.replacing import require_replaceable
+        from defocus_core.io.write_files import require_replaceable
         from defocus_core.request.output_kinds import PICTURES
 
         path = super().convert(value, param, ctx)

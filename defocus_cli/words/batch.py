@@ -17,7 +17,7 @@ from defocus_core.batch.journal.record import Failed, Record, error_line
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.run import Execution, Plan, Summary
 from defocus_core.errors import kind_of, with_dashes
-from defocus_core.io.safe_files import spoken
+from defocus_core.io.read_files import spoken
 from defocus_core.request.job import FRAME_ROLE, Job
 from defocus_core.request.lens import lens_record, lens_record_words, lens_words
 from defocus_core.system.text import counted

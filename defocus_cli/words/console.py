@@ -22,7 +22,7 @@ from defocus_core.errors import (
     reason,
     with_dashes,
 )
-from defocus_core.io.safe_files import spoken
+from defocus_core.io.read_files import spoken
 from defocus_core.system.text import version
 
 if TYPE_CHECKING:

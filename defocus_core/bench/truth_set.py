@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
-from defocus_core.io.below import read_plain
 from defocus_core.io.images.color import read_color
-from defocus_core.io.safe_files import MALFORMED
+from defocus_core.io.read_files import MALFORMED, read_plain
 from defocus_core.picture.lens_fit import light_of
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of

@@ -11,10 +11,16 @@ from defocus_core.compare.pairing import RECIPE, Recipe, read_recipes
 from defocus_core.compare.picture import planes_of, read_picture
 from defocus_core.compare.record import EXTRA, Comparison
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import Folder
 from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.replacing import GOLDEN, require_replaceable
-from defocus_core.io.safe_files import left_in, unwritable, written_together, written_whole
+from defocus_core.io.write_files import (
+    GOLDEN,
+    Folder,
+    left_in,
+    require_replaceable,
+    unwritable,
+    written_together,
+    written_whole,
+)
 
 
 def accept_picture(folder: Path, golden: Path, picture: Any) -> None:

@@ -17,9 +17,9 @@ from defocus_core.batch.journal.record import output_fault
 from defocus_core.compare.picture import SUFFIXES
 from defocus_core.compare.thresholds import matches
 from defocus_core.errors import InputError, UsageProblem, did_you_mean
-from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import MALFORMED, missing
+from defocus_core.io.read_files import MALFORMED, missing
 from defocus_core.io.wildcards import matching
+from defocus_core.io.write_files import Folder
 
 _RIGHT = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
 _OTHER = _RIGHT | {right: left for left, right in _RIGHT.items()}

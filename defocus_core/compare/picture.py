@@ -26,7 +26,7 @@ from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, linear_to_srgb, srgb_to_linear, unit
 from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_primaries
 from defocus_core.io.images.raster import PLAIN_CHANNELS, Raster, read_pages, read_samples
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 
 # Suffixes of pictures and arrays that are not decoded here, but compared by bytes.
 UNDECODED = frozenset(

@@ -23,7 +23,7 @@ from defocus_core.compare.record import DIFFERENT, SAME, CompareSettings, Compar
 from defocus_core.compare.thresholds import Thresholds
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.encode import write_samples
-from defocus_core.io.replacing import DIFFERENCE, KIND, identities, require_replaceable
+from defocus_core.io.write_files import DIFFERENCE, KIND, identities, require_replaceable
 from defocus_core.system.process import spread
 
 FIRST = 20  # failing pairs whose causes are sought by default

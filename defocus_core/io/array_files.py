@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.safe_files import AGAIN, check_size, damaged, decoding, needs_extra, read_head
+from defocus_core.io.read_files import AGAIN, check_size, damaged, decoding, needs_extra, read_head
 from defocus_core.system.text import times
 
 _MATLAB_5 = "MATLAB 5"

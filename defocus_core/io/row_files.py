@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from defocus_core.errors import InputError, Place, cannot_read, reason
-from defocus_core.io.below import open_plain
+from defocus_core.io.read_files import open_plain
 
 _LONGEST_LINE = 2**20
 Row = tuple[Place, Mapping[str, Any]]  # for errors, and values

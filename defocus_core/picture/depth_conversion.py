@@ -13,8 +13,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.describe import describe
-from defocus_core.io.replacing import identities, require_replaceable
-from defocus_core.io.safe_files import written_together
+from defocus_core.io.write_files import identities, require_replaceable, written_together
 from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.radii import of_file
 from defocus_core.request.job import Reading

@@ -341,7 +341,7 @@ class Views:
             InputError: A file exists already, or cannot be written.
             UsageProblem: An option is unknown, or its value invalid.
         """
-        from defocus_core.io.replacing import identities, require_replaceable
+        from defocus_core.io.write_files import identities, require_replaceable
 
         job = self._take.job
         if kinds is None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from defocus_core.errors import InputError, NotExplained
 from defocus_core.io.images.color import Color, read_color, require_finite
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import written_whole
 from defocus_core.picture.pair import read
 from defocus_core.picture.take import InputPair, radius_measures
 from defocus_core.request.job import PictureFiles, Reading

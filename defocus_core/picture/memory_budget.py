@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import SAMPLE_BYTES, describe
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.request.job import Job, Machine, PictureFiles
 from defocus_core.system import memory
 from defocus_core.system.process import is_torch_loaded

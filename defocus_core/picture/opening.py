@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.safe_files import once, read_head
+from defocus_core.io.read_files import once, read_head
 from defocus_core.request.lens import LensValues
 from defocus_core.system.text import times
 

@@ -17,7 +17,7 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.steps.table import PAIR, WINDOW, apply_steps
 from defocus_core.picture.take import Arrays, InputPair, Inputs

@@ -22,7 +22,7 @@ from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.request.job import PictureFiles, Reading, reading_through
 from defocus_core.request.lens import LensValues
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS

@@ -18,7 +18,7 @@ from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
-from defocus_core.io.safe_files import link_or_copy, written_together
+from defocus_core.io.write_files import link_or_copy, written_together
 from defocus_core.picture.grain import grain_of, grained
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, apply_steps

@@ -21,8 +21,7 @@ from defocus_core.compare.record import (
     Worst,
 )
 from defocus_core.errors import printable
-from defocus_core.io.replacing import require_replaceable
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import require_replaceable, written_whole
 from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5, "pixels": 9}

@@ -11,8 +11,7 @@ from urllib.parse import quote
 
 from defocus_core.compare.record import Comparison
 from defocus_core.errors import printable
-from defocus_core.io.replacing import require_replaceable
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import require_replaceable, written_whole
 from defocus_core.reports.comparison_words import number_words, place_words, summary, worst_words
 from defocus_core.reports.html.comparisons import rank
 

@@ -14,7 +14,7 @@ from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
-from defocus_core.io.replacing import CONTACT, KIND, identities, require_replaceable
+from defocus_core.io.write_files import CONTACT, KIND, identities, require_replaceable
 from defocus_core.picture.opening import aperture_of, cat_eye_of
 from defocus_core.reports.html.thumbnails import resized
 from defocus_core.request.job import Job

@@ -11,8 +11,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import Folder, written_whole
 from defocus_core.request import toml_file
 from defocus_core.request.quantities import whole
 from defocus_core.request.toml_file import LARGEST_FILE, Table

@@ -15,7 +15,7 @@ from typing import Any
 
 from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.reading import PICTURES, XMP_BYTES, own_format
-from defocus_core.io.safe_files import is_jpeg, missing, read_head
+from defocus_core.io.read_files import is_jpeg, missing, read_head
 from defocus_core.io.shots.frame_patterns import (
     ALL,
     FrameChoice,

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
 from defocus_core.gone import remedy_of_key
-from defocus_core.io.below import open_plain
+from defocus_core.io.read_files import open_plain
 from defocus_core.request.quantities import read_at, text_of
 
 T = TypeVar("T")

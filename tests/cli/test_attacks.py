@@ -16,8 +16,8 @@ from defocus_core.batch.datasets import finished, sample_index, update
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
 from defocus_core.batch.journal.runs import sweep_up
 from defocus_core.compare.pairing import RECIPE, read_recipes
-from defocus_core.io.below import Folder, open_plain, path_fault
-from defocus_core.io.safe_files import written_together, written_whole
+from defocus_core.io.read_files import open_plain
+from defocus_core.io.write_files import Folder, path_fault, written_together, written_whole
 
 __all__ = ["folders"]
 FOREIGN = (

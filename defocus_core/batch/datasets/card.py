@@ -14,7 +14,7 @@ from pathlib import Path
 
 from defocus_core.batch.datasets.sample_index import NAME, is_free
 from defocus_core.errors import one_line
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import written_whole
 from defocus_core.request.origin import Origin
 from defocus_core.system.text import note
 

@@ -22,8 +22,8 @@ from typing import Any, BinaryIO
 
 from defocus_core.batch.datasets.sample_index import NAME
 from defocus_core.errors import InputError, Place, cannot_read, reason
-from defocus_core.io.below import Folder, path_fault
-from defocus_core.io.safe_files import MALFORMED
+from defocus_core.io.read_files import MALFORMED
+from defocus_core.io.write_files import Folder, path_fault
 from defocus_core.request.lens import LensValues
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES
 

@@ -22,7 +22,7 @@ from typing import Any, BinaryIO
 
 from defocus_core.batch.journal.record import Record
 from defocus_core.batch.journal.runs import INDEX
-from defocus_core.io.below import Folder
+from defocus_core.io.write_files import Folder
 from defocus_core.picture.take import MEASURES
 from defocus_core.request.job import FRAME_ROLE, is_label
 from defocus_core.request.lens import EFFECTS

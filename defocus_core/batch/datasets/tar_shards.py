@@ -25,8 +25,7 @@ from pathlib import Path
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.journal.runs import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import Folder, written_whole
 from defocus_core.request.origin import origin_of
 
 FOLDER = SHARDS_FOLDER

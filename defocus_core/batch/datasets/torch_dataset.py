@@ -21,7 +21,7 @@ from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.raster import read_samples
 from defocus_core.io.picture_files import as_file
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.request.output_kinds import KINDS
 
 Item = dict[str, Any]

@@ -17,8 +17,7 @@ from defocus_core.batch.datasets import card, sample_index, tar_shards
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError
-from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import Folder, written_whole
 from defocus_core.request.origin import origin_of
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections

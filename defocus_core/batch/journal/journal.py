@@ -26,8 +26,7 @@ from msgspec.json import decode
 
 from defocus_core.batch.journal.record import Record, line_of, linked_folders, record_of
 from defocus_core.errors import InputError, cannot_read, one_line
-from defocus_core.io.below import Folder, sync_folder
-from defocus_core.io.safe_files import is_at, unwritable
+from defocus_core.io.write_files import Folder, is_at, sync_folder, unwritable
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections
 

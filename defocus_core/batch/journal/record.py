@@ -29,8 +29,8 @@ from defocus_core.errors import (
     one_line,
     reason,
 )
-from defocus_core.io.below import Folder, path_fault
-from defocus_core.io.safe_files import MALFORMED
+from defocus_core.io.read_files import MALFORMED
+from defocus_core.io.write_files import Folder, path_fault
 from defocus_core.request.job import SPLIT_NAME, is_label
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS

@@ -28,7 +28,8 @@ from msgspec.structs import replace
 
 from defocus_core.batch.journal.journal import Ledger, input_path
 from defocus_core.batch.journal.record import Record, Stamp, Stamps
-from defocus_core.io.below import Folder, open_plain
+from defocus_core.io.read_files import open_plain
+from defocus_core.io.write_files import Folder
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Outputs, Reading
 from defocus_core.request.lens import LensValues, lens_record_words

@@ -24,8 +24,15 @@ from msgspec.json import decode, encode
 
 from defocus_core.batch.journal.journal import NO_JSON, JournalFile, Shard, journal_path, shards
 from defocus_core.errors import InputError, cannot_read
-from defocus_core.io.below import Folder, sync_folder
-from defocus_core.io.safe_files import LEFTOVER, is_at, left_in, unwritable, written_whole
+from defocus_core.io.write_files import (
+    LEFTOVER,
+    Folder,
+    is_at,
+    left_in,
+    sync_folder,
+    unwritable,
+    written_whole,
+)
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.text import note
 

@@ -26,7 +26,7 @@ from msgspec.structs import replace as copy
 from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.record import Completed, Failed, Stamp, failure
 from defocus_core.batch.workers.run import Chunk, Done
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take, measures, repair_record

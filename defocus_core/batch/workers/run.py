@@ -24,8 +24,8 @@ from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
 from defocus_core.batch.journal.record import Completed, End, Failed, Record, Stamp, Stamps, now
 from defocus_core.errors import InputError, NoteKinds
-from defocus_core.io.replacing import replaces_input
-from defocus_core.io.safe_files import missing, require_utf_8, unwritable
+from defocus_core.io.read_files import missing, require_utf_8
+from defocus_core.io.write_files import replaces_input, unwritable
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.memory import without_collections
 from defocus_core.system.process import Interrupts

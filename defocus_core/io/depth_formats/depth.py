@@ -22,7 +22,7 @@ from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, ends_in_hole,
 from defocus_core.io.depth_formats.table import NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.system.text import counted
 
 

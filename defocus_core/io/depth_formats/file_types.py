@@ -38,7 +38,7 @@ from defocus_core.io.depth_formats.table import NAMES, OF_PHOTOGRAPHS, DepthForm
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images import raster
-from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
+from defocus_core.io.read_files import is_heic, is_jpeg, read_head
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)

@@ -28,7 +28,7 @@ from defocus_core.errors import InputError, reason
 from defocus_core.io.depth_formats.jpeg_overshoot import without_overshoot
 from defocus_core.io.depth_formats.reading import PICTURES, DepthNumbers, own_format
 from defocus_core.io.images.raster import HEIC_DAMAGE, open_heic, read_pages, read_samples, upright
-from defocus_core.io.safe_files import decoding, is_heic, quiet, read_head
+from defocus_core.io.read_files import decoding, is_heic, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part

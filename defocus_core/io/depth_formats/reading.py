@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.safe_files import is_heic, is_jpeg, once, read_head
+from defocus_core.io.read_files import is_heic, is_jpeg, once, read_head
 
 KINDS = ("depth", "disparity")
 INVALID = ("error", "far", "fill")

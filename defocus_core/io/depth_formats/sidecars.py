@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import read_plain
 from defocus_core.io.depth_formats.reading import DepthNumbers, Mark
 from defocus_core.io.depth_formats.table import DepthFormat, Mask
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
-from defocus_core.io.safe_files import MALFORMED, decoding
+from defocus_core.io.read_files import MALFORMED, decoding, read_plain
 
 _LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"

@@ -23,7 +23,7 @@ from typing import Any
 
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 
 # Names of colour, and of the layer that holds the whole picture beside its passes.
 _LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import DTYPES, MULTIPART, Channel, Header, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.safe_files import damaged, once
+from defocus_core.io.read_files import damaged, once
 
 _MAX_OF_TILE = 1 << 24  # px
 # Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:

@@ -17,7 +17,7 @@ from typing import BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError
 from defocus_core.io.exr.windows import Overscan, Window
-from defocus_core.io.safe_files import check_size, damaged, once, read_head
+from defocus_core.io.read_files import check_size, damaged, once, read_head
 
 MAGIC = b"\x76\x2f\x31\x01"
 # NumPy's by the types of channels, which files number in this order; their last figure is bytes

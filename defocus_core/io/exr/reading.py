@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import first_line
 from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-from defocus_core.io.safe_files import damaged, decoded_rows, decoding, opened_image, quiet
+from defocus_core.io.read_files import damaged, decoded_rows, decoding, opened_image, quiet
 
 STRIP = 1 << 23  # bytes of pixels that are decoded at once
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them

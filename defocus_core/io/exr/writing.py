@@ -24,7 +24,8 @@ from defocus_core.io.exr.header import (
     read_attributes,
 )
 from defocus_core.io.exr.windows import Layout, Window
-from defocus_core.io.safe_files import quiet, written_whole
+from defocus_core.io.read_files import quiet
+from defocus_core.io.write_files import written_whole
 from defocus_core.system.process import delayed_signals
 from defocus_core.system.text import counted
 

@@ -37,7 +37,7 @@ from defocus_core.io.images.primaries import (
     primaries_name,
     same_primaries,
 )
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:

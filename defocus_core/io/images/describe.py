@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.safe_files import once, read_head
+from defocus_core.io.read_files import once, read_head
 
 if TYPE_CHECKING:
     from defocus_core.io.array_files import ArrayEntry

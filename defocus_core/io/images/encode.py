@@ -31,7 +31,8 @@ from defocus_core.io.images.primaries import (
     declared_primaries,
 )
 from defocus_core.io.images.raster import OWN, OWN_CHANNEL, PLAIN_CHANNELS, Tag, set_tag
-from defocus_core.io.safe_files import damaged, decoded_rows, opened_image, quiet, written_whole
+from defocus_core.io.read_files import damaged, decoded_rows, opened_image, quiet
+from defocus_core.io.write_files import written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}

@@ -21,7 +21,7 @@ from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import no_exr
 from defocus_core.io.images.color_space import CODES, ColorSpace, color_space
 from defocus_core.io.images.primaries import PROFILE
-from defocus_core.io.safe_files import (
+from defocus_core.io.read_files import (
     check_size,
     damaged,
     decoded_rows,

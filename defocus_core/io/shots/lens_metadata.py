@@ -17,7 +17,7 @@ from typing import NamedTuple
 from defocus_core.io.exr.header import Raw, is_exr, read_headers
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.raster import read_pages
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
 _NO_TARGET = 1e9  # of V-Ray's distances: there is no target

@@ -27,7 +27,7 @@ from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.images.color_space import unit
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.layers import Layers, coverage
 from defocus_core.picture.pair import overscan_of, stretch_words

@@ -19,7 +19,7 @@ from defocus_core.io.exr.channel_choice import choose_color, in_view
 from defocus_core.io.exr.deep_layers import deep_layers
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH
 from defocus_core.io.exr.header import Header, is_exr, read_headers
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
 from defocus_core.picture.pair import parts_of
 from defocus_core.picture.take import InputPair, Take

@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import printable, with_dashes
-from defocus_core.io.replacing import require_replaceable
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.write_files import require_replaceable, written_whole
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import Item, Layer
 from defocus_core.reports.html.layers import DIFFERENCE, B

@@ -23,7 +23,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
 from defocus_core.io.images.describe import FileInfo, describe
 from defocus_core.io.images.raster import read_samples
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.read_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus

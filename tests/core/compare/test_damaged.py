@@ -10,7 +10,7 @@ import pytest
 from planted_faults import compared
 
 from defocus_core.compare.record import UNREADABLE
-from defocus_core.io.safe_files import quiet
+from defocus_core.io.read_files import quiet
 
 SEED = 20
 DEEP = b"\x02\x08\0\0"  # flags of a deep OpenEXR file

@@ -9,7 +9,7 @@ import pytest
 from defocus_core import InputError, UsageProblem
 from defocus_core.batch.journal.record import failure
 from defocus_core.errors import TooLarge
-from defocus_core.io.safe_files import unwritable
+from defocus_core.io.write_files import unwritable
 
 HERE = Path("a.exr")
 

@@ -12,7 +12,7 @@ from optional_libraries import HEIC_MAGIC, heic
 from refusals import refuses
 
 from defocus_core import DefocusError, read_depth
-from defocus_core.io.safe_files import decoding
+from defocus_core.io.read_files import decoding
 
 
 @pytest.mark.parametrize("dtype", ["uint16", "int32"])

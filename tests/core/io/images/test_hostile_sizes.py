@@ -13,7 +13,7 @@ from defocus_core.io.array_files import read_entries, read_map
 from defocus_core.io.depth_formats import depth
 from defocus_core.io.images import describe as describing
 from defocus_core.io.images.describe import describe
-from defocus_core.io.safe_files import MAX_PIXELS
+from defocus_core.io.read_files import MAX_PIXELS
 
 
 def claims(file, shape, dtype="<f4"):

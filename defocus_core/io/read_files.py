@@ -1,4 +1,4 @@
-"""Files checked before a decoder sees them, and written whole or not at all.
+"""Files checked before a decoder sees them, and what decoders say of them.
 
 Decoders written in C print on the stdout and stderr of the process; `quiet` discards that, so that
 stdout has only data and stderr only our one line for each error.
@@ -8,21 +8,17 @@ from __future__ import annotations
 
 import errno
 import io
-import itertools
 import os
-import re
-import shutil
+import stat
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
-from contextvars import ContextVar
 from functools import lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar, cast
 
 from defocus_core.errors import InputError, first_line, reason
-from defocus_core.io.below import Folder, open_plain
 from defocus_core.system.process import delayed_signals
 
 if TYPE_CHECKING:
@@ -35,6 +31,7 @@ AGAIN = "write or copy it again"
 # What is raised where a foreign document, JSON that may be anything, is taken for one of ours.
 MALFORMED = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
 MAX_PIXELS = 2**30
+_HOLLOW, _FILLED = 2**30, 64  # of a file of more bytes one of so many must be on the disk
 # No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
 MAX_RATIO = 10_000
 UNASKED_BYTES = 2**28
@@ -50,37 +47,51 @@ _LACKS = {
 }
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
 
-LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # a hidden sibling, with its process
 _OfFile = TypeVar("_OfFile", bound="Callable[..., Any]")
 _quiet_lock = threading.RLock()
-_serial = itertools.count()
 
 
-class Sibling(NamedTuple):
-    """A file that is to become another of its folder."""
-
-    folder: Folder
-    name: str  # below the folder
-    path: Path  # what it becomes
-
-    def put(self) -> None:
-        """Replace the file."""
-        try:
-            self.folder.rename(self.name, self.path.name)
-        except OSError as error:
-            raise unwritable(self.path, error) from error
-
-    def discard(self) -> None:
-        """Remove it, unless it was put in place."""
-        with suppress(OSError):
-            self.folder.remove(self.name)
+def open_plain(path: Path) -> BinaryIO:
+    """Open a regular file that the user named, links followed; never waits for a pipe's writer."""
+    return os.fdopen(opened_plain(path, os.O_RDONLY), "rb")
 
 
-# Of the innermost `written_together`, the files, and the folder that they lie below, no link of
-# which is followed: None where each lies in a folder that the user named.
-_together: ContextVar[tuple[list[Sibling], Path | None] | None] = ContextVar(
-    "together", default=None
-)
+def read_plain(path: Path, maximum: int = 2**24) -> bytes:
+    """The bytes of a small regular file that the user named."""
+    with open_plain(path) as file:
+        data = file.read(maximum + 1)
+    if len(data) > maximum:
+        raise OSError(errno.EFBIG, f"has more than {maximum / 10**6:.0f} MB")
+    return data
+
+
+def opened_plain(path: Path, flags: int) -> int:
+    """A handle of a regular file; to open a pipe does not wait for its other end."""
+    number = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    try:
+        status = os.fstat(number)
+        require_regular(status)
+        if status.st_size > max(_HOLLOW, status.st_blocks * 512 * _FILLED):
+            raise OSError(errno.EFBIG, f"is a hole of {status.st_size / 10**6:.0f} MB")
+    except BaseException:
+        os.close(number)
+        raise
+    return number
+
+
+def require_regular(status: os.stat_result) -> None:
+    """Raise OSError for what is no regular file, or a link."""
+    if stat.S_ISLNK(status.st_mode):
+        raise through_link()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "is not a regular file")
+
+
+def through_link() -> OSError:
+    """The OSError where a link is in the way."""
+    return OSError(errno.ELOOP, "a symbolic link is in its way")
 
 
 def once(function: _OfFile) -> _OfFile:
@@ -203,114 +214,6 @@ def spoken() -> Iterator[None]:
     """Keep what the block prints from being discarded by another thread's `quiet`."""
     with _quiet_lock:
         yield
-
-
-def leftover(path: Path) -> str:
-    """Prefix of the names of the hidden siblings of ``path``, before that of the process."""
-    return f".{path.name[:48]}."
-
-
-def left_in(folder: Path) -> Iterator[str]:
-    """The names of what processes of this machine left half-written in a folder."""
-    with suppress(OSError):
-        for name in Folder(folder).names():
-            process = LEFTOVER.fullmatch(name)
-            if process and not _runs(int(process[1])):
-                yield name
-
-
-def _runs(process: int) -> bool:
-    """Whether another process of this number runs on this machine."""
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:  # it is another user's
-        return True
-    return process not in (0, os.getpid())
-
-
-def _sibling(path: Path, root: Path | None) -> Sibling:
-    _, common = _together.get() or (None, None)
-    root = root or common or path.parent
-    name = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
-    return Sibling(Folder(root), path.with_name(name).relative_to(root).as_posix(), path)
-
-
-@contextmanager
-def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
-    """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
-
-    Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
-    is untouched. What a killed process left of it is removed, too, but of `written_together`.
-    """
-    together = _together.get()
-    sibling = _sibling(path, root)
-    try:
-        with sibling.folder.create(sibling.name) as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        if together is not None:
-            together[0].append(sibling)
-            return
-        sibling.put()
-    except BaseException as error:
-        sibling.discard()
-        if isinstance(error, OSError):
-            raise unwritable(path, error) from error
-        raise
-    with suppress(OSError):
-        for name in left_in(path.parent):
-            if name.startswith(leftover(path)):
-                Folder(path.parent).remove(name)
-
-
-def link_or_copy(source: Path, path: Path) -> None:
-    """Put a file, of `written_together`, at another place: as a hard link, or else as a copy."""
-    together, sibling = _together.get(), _sibling(path, None)
-    assert together is not None
-    try:
-        sibling.folder.link(source, sibling.name)
-        together[0].append(sibling)
-    except OSError:
-        with written_whole(path) as copy, open_plain(source) as file:
-            shutil.copyfileobj(file, copy)
-
-
-@contextmanager
-def written_together(root: Path | None = None) -> Iterator[None]:
-    """Files that are `written_whole` in the block appear together when it ends well, or none."""
-    files: list[Sibling] = []
-    token = _together.set((files, root))
-    try:
-        yield
-        for sibling in files:
-            sibling.put()
-    finally:
-        for sibling in files:
-            sibling.discard()
-        _together.reset(token)
-
-
-def is_at(path: Path, number: int) -> bool:
-    """Whether an open file is still the one of that name."""
-    with suppress(FileNotFoundError, NotADirectoryError):
-        return os.path.samestat(os.fstat(number), path.stat())
-    return False
-
-
-def unwritable(path: Path, error: OSError) -> InputError:
-    """The InputError for an output that the system refused."""
-    room = "free some space or name another output directory"
-    remedies = {
-        **{errno.ENOSPC: room, errno.EDQUOT: room},
-        errno.EFBIG: "allow larger files, as 'ulimit -f unlimited' does",
-        errno.EISDIR: "it is a directory; name another output",
-        errno.ELOOP: "put a directory or a file there, or name another output directory",
-    }
-    remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
-    return InputError("unwritable", f"cannot be written: {reason(error)}", remedy, path=path)
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
