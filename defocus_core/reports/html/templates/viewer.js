@@ -78,7 +78,7 @@ const valuesSoon = (layer, owner = item()) => soon(layer.values.payload, async (
   const { box, size: [width, height], scale, ends } = layer.values;
   const numbers = HALVES.map((each, n) => ends ? ends[0] + n / 65535 * (ends[1] - ends[0]) : each * scale);
   const data = await unpack(owner, layer);
-  return { data, width, height, stride: layer.channels.length, box, gamma: layer.gamma, scale, numbers };
+  return { data, width, height, stride: layer.channels.length, box, gamma: layer.gamma, scale: ends?.join() ?? scale, numbers };
 });
 const valuesGrid = layer => layer && layer.values && !(view.film && layer.thumbnail) && valuesSoon(layer).made;
 const bestGrid = layer => valuesGrid(layer) || thumbOf(layer);

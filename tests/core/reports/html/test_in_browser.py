@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import Page, chromium
 from command_line import run, write_exr
+from depth_files import png
 
 WIDTH, HEIGHT = 64, 48
 HOSTILE = "sub</script><script>hacked=1<b>'\"&.exr"  # a folder "sub<", and a file in it
@@ -159,6 +160,22 @@ def test_values_under_the_pointer_are_those_of_the_files(page):
     page.point(0.5, 0.5)
     page.wait("document.getElementById('readout').textContent.includes('B 8 8 8')")
     assert "A 0.25 0.25 0.25" in page.text("#readout")
+
+
+def test_integers_of_8_and_16_bits_are_shown_as_they_are(browser, tmp_path):
+    for name, dtype in (("8.png", np.uint8), ("16.png", np.uint16)):
+        for folder, share in (("A", 0.2), ("B", 0.6)):
+            values = np.full((24, 32, 3), share * np.iinfo(dtype).max).astype(dtype)
+            values[0, 0] += 1  # no integer of 8 bits
+            (tmp_path / folder).mkdir(exist_ok=True)
+            png(tmp_path / folder / name, values, dtype)
+    run("compare", tmp_path / "A", tmp_path / "B", "--html", tmp_path / "report.html")
+    page = Page(browser, tmp_path / "report.html")
+    for name in ("8.png", "16.png", "8.png"):
+        choose(page, name)
+        shown = [page.pixel(place, 0.3)[0] for place in (0.4, 0.6)]
+        assert shown == pytest.approx([0.2 * 255, 0.6 * 255], abs=1)
+    page.close()
 
 
 def test_zoom_and_place_stay_while_items_change(page):
