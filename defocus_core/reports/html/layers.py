@@ -58,10 +58,13 @@ def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16
 
 def are_integers(planes: Sequence[NDArray[Any]], greatest: int) -> bool:
     """Whether planes [H, W] are integers up to `greatest`, divided by it."""
+    rounding = greatest * 2.0**-22  # of float32, twice
     with np.errstate(invalid="ignore", over="ignore"):
         steps = (plane * np.float32(greatest) for plane in planes)
         return all(
-            each.min() >= 0 and each.max() <= greatest and (abs(each - np.rint(each)) < 0.01).all()
+            each.min() >= 0
+            and each.max() <= greatest
+            and (abs(each - np.rint(each)) < rounding).all()
             for each in steps
         )
 
