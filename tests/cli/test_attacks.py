@@ -2,8 +2,6 @@
 
 import json
 import os
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 from batches import again, folders
@@ -14,10 +12,8 @@ from refusals import refuses
 from defocus_core import InputError
 from defocus_core.batch.datasets import finished, sample_index, update
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
-from defocus_core.batch.journal.runs import sweep_up
 from defocus_core.compare.pairing import RECIPE, read_recipes
-from defocus_core.io.read_files import open_plain
-from defocus_core.io.write_files import Folder, path_fault, written_together, written_whole
+from defocus_core.io.write_files import Folder, path_fault, written_whole
 
 __all__ = ["folders"]
 FOREIGN = (
@@ -92,19 +88,6 @@ def test_nothing_below_a_folder_is_reached_through_a_link(tmp_path, mine):
     assert names(mine.parent) == ["mine"]
 
 
-def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path, mine):
-    out = tmp_path / "out"
-    with refuses("unwritable", "symbolic link"), written_together(out):
-        with written_whole(out / "render" / "a.exr") as file:
-            file.write(b"whole")
-        (out / "render").rename(out / "moved")
-        (out / "render").symlink_to(mine.parent)
-        with written_whole(out / "render" / "b.exr") as file:
-            file.write(b"whole")
-    assert names(mine.parent) == ["mine"]
-    assert not [name for name in names(out / "moved") if name.endswith(".exr")]
-
-
 def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(folders, tmp_path, mine):
     out = tmp_path / "out"
     out.mkdir()
@@ -125,15 +108,6 @@ def test_shards_in_a_linked_folder_are_neither_written_nor_removed(tmp_path, min
     with refuses("unwritable", "symbolic link"):
         pack(out, records, 1000)
     assert names(mine.parent) == ["mine", tar.name]
-
-
-def test_half_written_files_are_not_swept_up_behind_a_link(tmp_path, mine):
-    theirs = mine.parent / ".a.exr.99999999.0.tmp"
-    theirs.touch()
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "render").symlink_to(mine.parent)
-    sweep_up(tmp_path / "out")
-    assert theirs.exists()
 
 
 def test_what_is_accepted_goes_through_no_link(tmp_path, mine):
@@ -208,14 +182,6 @@ def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path):
     refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "malformed", jobs)
 
 
-@pytest.mark.parametrize("name", ["settings", "inputs", "files"])
-def test_wrong_types_in_a_recipe_are_told(name, tmp_path):
-    recipe(tmp_path, **{name: 7})
-    with pytest.raises(InputError) as caught:
-        read_recipes(tmp_path)
-    assert caught.value.code == "damaged"
-
-
 @pytest.mark.parametrize("attack", ["pipe", "link", "nested", "bytes", "foreign"])
 def test_an_index_that_was_tampered_with_is_refused(attack, tmp_path, mine):
     index = tmp_path / sample_index.NAME
@@ -262,24 +228,3 @@ def test_a_file_that_is_a_hole_is_refused_at_once(words, here):
     ran = run(*options, name if words[0] == "info" else here)
     assert (ran.code, ran.err.count("\n")) == (3, 1)
     assert "is a hole of 100000 MB" in ran.err
-
-
-def test_a_file_with_holes_is_read():
-    """As NumPy's memmap makes one: only where next to nothing is there it is refused."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "a"
-        with path.open("wb") as file:
-            for start in range(0, 2**29, 2**24):
-                file.seek(start)
-                file.write(b"." * 2**19)
-            file.truncate(2**29)
-        with open_plain(path) as opened:
-            assert opened.read(2) == b".."
-
-
-def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path, mine):
-    color_exr(tmp_path / "a" / "1.exr", texture(8, 8))
-    color_exr(tmp_path / "b" / "1.exr", texture(8, 8) / 2)
-    (tmp_path / "b" / "2.exr").symlink_to(mine)
-    failed(run("compare", tmp_path / "a", tmp_path / "b", "--accept"), 3, "wrong-type", "2.exr")
-    assert files_under(tmp_path / "a") == {"1.exr"}

@@ -1,20 +1,16 @@
 """``defocus batch``: many jobs, whatever stops them."""
 
 import json
-import os
 import tarfile
 from pathlib import Path
 
 import pytest
-from batches import JOBS, contents, jobs_file, make_believe, records, without_times
+from batches import JOBS, contents, jobs_file, records, without_times
 from command_line import depth_exr, files_under, hidden_in, ramp, refused, run, succeed
-from counting import calls
 
-from defocus_cli.main import main
 from defocus_core import samples
 from defocus_core.batch.datasets.sample_index import tar_line
 from defocus_core.batch.journal.runs import locked
-from defocus_core.batch.run_batch import WorkerConfig
 
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
 
@@ -197,14 +193,3 @@ def test_a_scheduler_that_is_none_is_refused(tmp_path, out, monkeypatch):
     ran = run("batch", path, "-o", out, "--scheduler", "tcp://127.0.0.1:1")
     refused(ran, 2, "needs-extra", "scheduler")
     assert not out.exists()
-
-
-def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(tmp_path, out, monkeypatch):
-    text = JOBS.replace('["1.5m", "2m"]', '"1m..9m @ 500 in depth"')
-    path = jobs_file(tmp_path, text=text)
-    monkeypatch.setattr(WorkerConfig, "execute", lambda crew: make_believe(out))
-    monkeypatch.setattr(os, "fdatasync", lambda number: None)
-    assert main(["batch", str(path), "-o", str(out)]) == 0
-    assert len(records(out)) == 1000
-    assert calls(lambda: main(["batch", str(path), "-o", str(out)])) < 1000 * 680
-    assert run("batch", path, "-o", out).err.endswith("1000 jobs: 1000 done before\n")

@@ -2,9 +2,6 @@
 
 import json
 import struct
-import subprocess
-import sys
-import time
 import zlib
 from pathlib import Path
 from xml.etree import ElementTree
@@ -404,22 +401,6 @@ def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path):
     ran = run("compare", tmp_path / "a.npy", tmp_path / "b.npy", "--json", "--diff", tmp_path / "d")
     (pair,) = ran.json["pairs"]
     assert (ran.code, ran.err, pair["metrics"]["max"]) == (1, "", "Inf")
-
-
-@pytest.mark.bench
-def test_a_pair_of_1080p_takes_no_more_than_a_second_and_a_half(tmp_path):
-    large = np.kron(scene(), np.ones((12, 15, 1), np.float32))[:1080, :1920]
-    for name, change in (("a", 0.0), ("b", 0.1)):
-        noise = change * np.random.default_rng(0).random(large.shape)
-        write_planes(tmp_path / f"{name}.exr", planes(large + noise))
-    words = [sys.executable, "-m", "defocus_cli", "compare", "a.exr", "b.exr"]
-    seconds = []
-    for _ in range(3):
-        start = time.perf_counter()
-        ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
-        seconds.append(time.perf_counter() - start)
-        assert ran.returncode == 1
-    assert min(seconds) < 1.5
 
 
 def test_junit_has_a_case_for_each_pair(tmp_path):

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from contextlib import redirect_stderr
 
 import numpy as np
 import pytest
@@ -25,8 +24,6 @@ from command_line import (
 from image_files import save
 from renderers import TILE
 
-from defocus_cli.words.batch import tile_bar
-
 
 def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path):
     for stem in ("a", "b"):
@@ -38,13 +35,6 @@ def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path):
     assert "0/2 [" not in run(*args).err
     lone = run(*args[:-2], color, depth, err=Terminal()).err
     assert "picture/s]" not in lone
-
-
-def test_a_bar_says_that_a_picture_is_prepared():
-    with redirect_stderr(Terminal()) as shown, tile_bar() as count:
-        count(1, 4)
-    assert "preparing: 0tile" in shown.getvalue()
-    assert "preparing" not in shown.getvalue().rpartition("0/4")[2]
 
 
 @pytest.mark.usefixtures("torch_back")

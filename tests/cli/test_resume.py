@@ -3,14 +3,12 @@
 import json
 import os
 import re
-import subprocess
 
 import pytest
 from batches import again, folders, jobs_file, records
 from command_line import (
     color_exr,
     depth_exr,
-    files_under,
     pair,
     photograph,
     ramp,
@@ -143,24 +141,6 @@ def test_a_file_that_the_journal_does_not_know_is_refused(link, folders, out, co
     assert not theirs.is_symlink()
 
 
-@pytest.mark.parametrize("format", ["exr", "jpg"])
-def test_a_journal_cut_at_any_byte_goes_on(format, folders, out, computed):
-    """As a power loss may cut it: what it no longer knows is of the run that did not end."""
-    options = ("--outputs", "render,coc", "--map-format", "tiff", "--format", format)
-    assert again(folders, out, *options).code == 0
-    journal = out / "journal.jsonl"
-    data = journal.read_bytes()
-    files = {name: (out / name).read_bytes() for name in files_under(out)}
-    ends = [at for at, byte in enumerate(data, 1) if byte == ord("\n")]
-    for cut, done in ((0, 0), (ends[0] - 7, 0), (ends[0], 1), (ends[1] - 1, 1), (ends[1], 2)):
-        computed.clear()
-        journal.write_bytes(data[:cut] + bytes(9))
-        (out / ".journal.run").write_text(PLAN.replace('"c"', '"a": 0, "b": 0, "c"'))
-        ran = again(folders, out, *options)
-        assert (ran.code, computed) == (0, [*"abc"][done:]), ran.err
-        assert {name: (out / name).read_bytes() for name in files} == files
-
-
 PLAN = '{"jobs": {"c": 0}}'
 
 
@@ -193,26 +173,6 @@ def test_what_failed_is_tried_again(folders, out, computed):
     (folders[1] / "b.exr").write_bytes(good)
     assert again(folders, out).code == 0
     assert computed == ["a", "c", "b"]
-
-
-def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
-    folders, out, computed
-):
-    again(folders, out)
-    dead = subprocess.Popen(["true"])
-    dead.wait()
-    (out / "shards").mkdir()
-    left = [
-        out / f".metadata.jsonl.{dead.pid}.0.tmp",
-        out / f"shards/.samples-000000.tar.{dead.pid}.1.tmp",
-    ]
-    written_now = out / f".metadata.jsonl.{os.getppid()}.0.tmp"
-    for path in (*left, written_now):
-        path.write_text("half")
-    again(folders, out)
-    assert len(computed) == 3, "all was done before"
-    assert not any(path.exists() for path in left)
-    assert written_now.exists(), "its process runs"
 
 
 def test_another_picture_of_the_same_name_is_refused(tmp_path, out, computed):

@@ -1,7 +1,6 @@
 """The counts of ``--json``: each kind of skip, on a scene where it matters."""
 
 import numpy as np
-import pytest
 from command_line import color_exr, depth_exr, photograph, ramp, texture
 from renderers import TILE
 
@@ -13,10 +12,6 @@ def rendered(tmp_path, metres, *args, pixels=None):
     depth = depth_exr(tmp_path / "z.exr", metres)
     ran = photograph(color, depth, "-o", tmp_path / "out", "--json", "--overwrite", *args)
     return ran.json["pictures"][0]["stats"]
-
-
-def flat(metres):
-    return np.full((H, W), metres, np.float32)
 
 
 def test_pixels_of_left_and_right_that_were_negative_are_counted(tmp_path):
@@ -31,22 +26,6 @@ def test_pixels_of_left_and_right_that_were_negative_are_counted(tmp_path):
     assert f"left, right: below 0 in {share} % of the pixels, and made 0" in said
     stats = rendered(tmp_path, ramp(W, H), pixels=dots)
     assert "pixels_clamped" not in stats, "there are no halves"
-
-
-@pytest.mark.usefixtures("torch_back")
-def test_slices_that_do_not_reach_a_tile_are_skipped(tmp_path):
-    stats = rendered(tmp_path, ramp(W, H))
-    assert 0 < stats["slice_tiles_done"] < 0.4 * stats["slice_tiles"]
-    assert stats["slice_tiles_blurred"] < stats["slice_tiles_done"]
-
-
-@pytest.mark.usefixtures("torch_back")
-def test_nothing_is_invented_where_no_edge_is(tmp_path):
-    metres = flat(4.0)
-    metres[40:80, 20:60] = 1.5  # a card in the first tile
-    stats = rendered(tmp_path, metres)
-    assert 0 < stats["tiles_with_hidden"] < stats["tiles"] == 3
-    assert rendered(tmp_path, ramp(W, H))["tiles_with_hidden"] == 0
 
 
 def test_maps_alone_skip_everything(tmp_path):

@@ -12,18 +12,6 @@ NOT_A_NUMBER = Law("focus", "change", "-", 1e-6, lambda setting: [float("nan")])
 SKIPPED = Law("CPU and GPU", "difference", "-", 1e-4, lambda setting: [])
 
 
-def test_laws_hold_here(monkeypatch):
-    monkeypatch.setattr(lens_laws, "LAWS", (lens_laws.LAWS[0], lens_laws.LAWS[-1]))
-    ran = run("verify", "--device", "cpu", "--threads", "1")
-    assert (ran.code, ran.err) == (0, "")
-    heading, white, devices, last = ran.out.splitlines()
-    assert heading.split() == ["law", "measured", "worst", "bound", "unit"]
-    assert white.endswith(" ok")
-    assert devices.endswith("skipped: no GPU in use")
-    assert last.startswith("all 1 hold, ")
-    assert last.endswith(" (cpu, standard, 1 thread)")
-
-
 def test_the_table_names_what_fails_and_what_was_skipped(monkeypatch):
     monkeypatch.setattr(lens_laws, "LAWS", (HOLDS, BROKEN, SKIPPED))
     ran = run("verify")

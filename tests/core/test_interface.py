@@ -19,7 +19,6 @@ from defocus_core import (
     UsageProblem,
     batch_jobs,
     compare_images,
-    read_color,
     read_depth,
     run_batch,
     samples,
@@ -91,28 +90,12 @@ def test_the_help_lists_the_names_in_their_groups():
     }
 
 
-def test_an_unknown_name_is_no_attribute():
-    with pytest.raises(AttributeError, match="memory_bound"):
-        defocus_core.memory_bound  # noqa: B018
-
-
 @pytest.mark.parametrize("suffix", ["exr", "tif"])
 def test_a_map_is_written_as_it_is(tmp_path, suffix):
     depth = ramp()
     depth[0, 0] = np.inf
     write_map(tmp_path / f"z.{suffix}", depth)
     np.testing.assert_array_equal(read_depth(tmp_path / f"z.{suffix}", unit="m").metres, depth)
-
-
-def test_holes_become_what_is_asked_for(tmp_path):
-    depth = ramp()
-    depth[3, 4] = np.nan
-    write_map(tmp_path / "z.exr", depth)
-    assert np.flatnonzero(read_depth(tmp_path / "z.exr").invalid) == [3 * WIDTH + 4]
-    assert read_depth(tmp_path / "z.exr", invalid="far").metres[3, 4] == np.inf
-    assert read_depth(tmp_path / "z.exr", invalid="fill").metres[3, 4] in (depth[3, 3], depth[3, 5])
-    with refuses("invalid-depth"):
-        read_depth(tmp_path / "z.exr", invalid="error")
 
 
 @pytest.mark.parametrize(
@@ -132,16 +115,6 @@ def test_an_option_of_depth_that_makes_no_sense_is_named(options, code, field):
         read_depth("z.exr", **options)
     assert problem(caught) == (code, field)
     assert f"‹{field}›" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("suffix", "bits", "bound"), [("exr", 8, 0.0), ("png", 16, 2e-5), ("png", 8, 6e-3)]
-)
-def test_a_picture_is_written_and_read_again(tmp_path, suffix, bits, bound):
-    pixels = texture().astype(np.float32)
-    path = tmp_path / "new" / f"a.{suffix}"
-    assert write_image(path, torch.from_numpy(pixels), bits=bits, exr_type="float") == []
-    assert np.abs(read_color(path).pixels - pixels).max() <= bound
 
 
 def test_arrays_and_options_that_make_no_picture_are_refused(tmp_path):

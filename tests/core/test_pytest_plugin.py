@@ -124,15 +124,6 @@ def test_a_golden_has_the_name_of_its_node(tmp_path):
     assert found == nodes | {"named.exr"}
 
 
-def test_a_missing_golden_is_a_line_without_a_traceback(tmp_path):
-    (tmp_path / "test_it.py").write_text(NODES)
-    (tmp_path / "pytest.ini").write_text("[pytest]\n")
-    lines = ran(tmp_path)[1].splitlines()
-    told = next(line for line in lines if "named.exr" in line)
-    assert "there is no such golden; make it with pytest --golden-update" in told
-    assert not any(line.startswith((">", "E ")) for line in lines)
-
-
 @pytest.mark.parametrize("options", [(), ("--golden-update",), XDIST, (*XDIST, "--golden-update")])
 def test_two_tests_of_one_golden_are_refused(options, project):
     twin = 'image, "noise/a")\n\ndef test_another(golden):\n    golden.check(image'

@@ -60,14 +60,6 @@ def test_behind_what_is_known_the_farthest_is_invented_where_the_lens_sees_past_
     assert reference > high + 2 > 40
 
 
-def test_what_is_unknown_is_invented_as_ever():
-    image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
-    hidden = behind(-5.0, 6.0)
-    nothing = hidden._replace(mask=torch.zeros(SIZE, dtype=torch.bool))
-    # but for the range of colours, which is not known of what is hidden
-    assert worst(render(image, radius, hidden=nothing).render, render(image, radius).render) < 1e-3
-
-
 @pytest.mark.parametrize("kind", ["slanted", "level", "focused"])
 def test_all_of_a_smooth_surface_is_trusted(kind):
     radius = {

@@ -82,12 +82,6 @@ def test_depth_is_never_clamped_and_no_depth_is_invalid_in_silence():
                 method(speckle(20, 20), depth)
 
 
-@pytest.mark.parametrize("foc_dist", [50.0, -50.0, -10.0, 0.0, math.nan, torch.tensor(-49.0)])
-def test_focus_within_the_focal_length_is_refused_whatever_its_sign(foc_dist):
-    with pytest.raises(ValueError, match="foc_dist must be farther than foclen=50 mm"):
-        camera().refocus(foc_dist)
-
-
 def at_radius(lens, radius):
     """Points [N, 3] on the axis with these signed radii in px."""
     at_infinity = lens.radius_at_infinity()

@@ -34,14 +34,6 @@ def test_a_card_in_focus_keeps_every_pixel_of_its_edge(background_r, quality):
         assert worst(picture[:, card], image[:, card]) < 3e-3  # texture beside it may be mixed
 
 
-@pytest.mark.parametrize("r", [3.0, 7.0])
-def test_nothing_of_a_card_in_focus_bleeds_into_the_background(r):
-    """Before one colour the background keeps it up to the card's edge."""
-    image, radius = flatten(plain_layers(0.0, r), SIZE)
-    beside = radius == r
-    assert worst(render(image, radius).render[:, beside], 0.3) < EXACT
-
-
 @pytest.mark.parametrize("card_r", [-1.0, -7.0])
 def test_the_sharp_background_is_untouched_where_the_blurred_card_ends(card_r):
     image, radius = flatten(card_layers(card_r, 0.0), SIZE)

@@ -32,18 +32,6 @@ def test_a_half_is_no_darker_than_the_darkest_pixel(darkest, quality):
 
 
 @pytest.mark.parametrize("quality", QUALITIES[:2])
-def test_a_negative_pixel_far_away_changes_nothing(quality):
-    near, fine = spots(1, 0.3), torch.rand(SIZE, generator=torch.Generator().manual_seed(2))
-    image = (near * (fine > 0.5))[None].repeat(3, 1, 1)
-    radius = torch.where(near > 0, -1.3, 0.9)
-    plain = render(image, radius, quality=quality, left_right=True)
-    image[:, 70, 94] = -1e-6
-    views = render(image, radius, quality=quality, left_right=True)
-    for picture, same in zip(views.images, plain.images, strict=True):
-        assert worst(picture[:, :60, :80], same[:, :60, :80]) < WHITE
-
-
-@pytest.mark.parametrize("quality", QUALITIES[:2])
 @pytest.mark.parametrize("aperture", PUPILS, ids=lambda a: f"{a.blades}-{a.rotation:g}")
 @pytest.mark.parametrize("negative", [0.0, -1e-6])
 def test_alpha_of_a_half_is_1_at_most(negative, aperture, quality):

@@ -31,14 +31,6 @@ BETWEEN_RUNGS = 1e-2
 BETWEEN_FIRST_RUNGS = 4e-2
 
 
-def isolated(r, value=1.0, ground=0.0):
-    """A bright pixel in a frame whose border its blur, 20 % wider at most, doesn't see."""
-    n = 2 * math.ceil(2.4 * abs(r)) + 9
-    image = torch.full((1, n, n), ground, dtype=torch.float64)
-    image[:, n // 2, n // 2] = value
-    return image, torch.full((n, n), r, dtype=torch.float64)
-
-
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("kind", RADII)
 def test_white_stays_white(kind, aperture):
@@ -92,14 +84,6 @@ def test_one_plane_is_one_convolution(r, aperture):
     assert worst(error, 0.0) < tolerance
     for picture, half in zip((o.left, o.right), halves_of(image, r, aperture), strict=True):
         assert worst(picture, half) < 2 * tolerance
-
-
-@pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
-def test_the_middle_of_a_gaussian_is_brighter(psf_type):
-    disc = render(*isolated(9.0), aperture=Aperture(psf_type=psf_type), num_layers=1).render[0]
-    m = disc.shape[0] // 2
-    ratio = float(disc[m, m] / disc[m, m + 7])
-    assert ratio == pytest.approx(math.exp(49 / 162) if psf_type == "gaussian" else 1.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)

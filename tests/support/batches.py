@@ -5,11 +5,6 @@ import os
 
 import pytest
 from command_line import pair, render
-from msgspec.structs import replace
-
-from defocus_core.batch.journal import resume
-from defocus_core.batch.journal.record import Completed
-from defocus_core.request.lens import lens_record
 
 JOBS = """
 [inputs]
@@ -67,36 +62,3 @@ def without_times(out):
             stamp.pop("mtime_ns", None)
         found.append({k: v for k, v in record.items() if k not in ("seconds", "finished")})
     return sorted(found, key=lambda record: str(record["sample_id"]))
-
-
-def make_believe(out):
-    """Does jobs without computing anything; the files are there, and hold their names."""
-
-    def execute(chunks, done, stopped):
-        for chunk in chunks:
-            for number, job in chunk:
-                done(number, _pretended(job, out))
-
-    return execute
-
-
-def _pretended(job, out):
-    outputs = {}
-    for name, path in job.names.items():
-        (out / path).parent.mkdir(exist_ok=True)
-        (out / path).write_text(path)
-        outputs[name] = replace(resume.stamp(out / path), path=path)
-    return Completed(
-        inputs={r: resume.stamp(p) for r, p in job.picture.files.items()},
-        outputs=outputs,
-        lens=lens_record(job.lens),
-        size=(1, 1),
-        coc_px=(0.0, 1.0),
-        color_note="",
-        depth_note="",
-        depth_repair=None,
-        device="cpu",
-        measures={},
-        warnings=(),
-        seconds={"read": 0.0, "render": 0.0, "write": 0.0, "cpu": 0.0},
-    )

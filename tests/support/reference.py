@@ -144,29 +144,3 @@ def flatten(layers, size):
         seen = torch.where(alpha > 0.5, r, seen)
     top, start = ((n - m) // 2 for n, m in zip(seen.shape, size, strict=True))
     return image, seen[top : top + size[0], start : start + size[1]]
-
-
-def forward_splat(image, signed_radius, points):
-    """Mean over lens points of z-buffered views of a picture [C, H, W] with its radius [H, W].
-
-    Each pixel moves by r u to the nearest pixel; the smallest r wins, equals share. Pixels that
-    nothing reached count for nothing: the mean is over what was seen, from the frame and beside
-    the cracks and shadows of a view. For continuous surfaces; where a near one hides a far one it
-    knows no more than the picture does.
-    """
-    C, H, W = image.shape
-    y, x = torch.meshgrid(torch.arange(H), torch.arange(W), indexing="ij")
-    radius, color = signed_radius.flatten(), image.reshape(C, -1)
-    total, seen = torch.zeros_like(color), torch.zeros(H * W, dtype=image.dtype)
-    for ux, uy in points:
-        to_x = x.flatten() + (radius * ux).round().long()
-        to_y = y.flatten() + (radius * uy).round().long()
-        inside = (to_x >= 0) & (to_x < W) & (to_y >= 0) & (to_y < H)
-        place, r = (to_y * W + to_x)[inside], radius[inside]
-        front = torch.full((H * W,), math.inf, dtype=r.dtype).scatter_reduce(0, place, r, "amin")
-        first = r == front[place]
-        count = torch.zeros_like(seen).index_add(0, place[first], torch.ones_like(r[first]))
-        view = torch.zeros_like(color).index_add(1, place[first], color[:, inside][:, first])
-        total += view / count.clamp(min=1)
-        seen += count > 0
-    return (total / seen).reshape(C, H, W)

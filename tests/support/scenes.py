@@ -77,11 +77,6 @@ def card_layers(card_r, background_r, size=SIZE, margin=14):
     return [Layer(tint * alpha, alpha, card_r), background]
 
 
-def sharp_card(background_r=7.0, size=SIZE):
-    """A card in focus before a blurred background."""
-    return flatten(card_layers(0.0, background_r, size), size)
-
-
 def blurred_card(card_r=-7.0, size=SIZE):
     """A blurred card before a background in focus."""
     return flatten(card_layers(card_r, 0.0, size), size)

@@ -79,13 +79,6 @@ def test_bands_of_rows_decide_nothing(damage, rows, monkeypatch):
     assert torch.equal(found, whole)
 
 
-def test_a_channel_without_light_changes_nothing():
-    image, radius = soft()
-    alone = render(image, radius).render
-    beside = render(torch.cat([image, torch.zeros_like(image[:1])]), radius).render
-    torch.testing.assert_close(beside[:3], alone, rtol=0, atol=1e-4)
-
-
 def test_repair_off_diagnoses_nothing():
     for make in DAMAGED.values():
         assert not any(renderer_of(*make(), depth_repair="off").repair)

@@ -2,11 +2,8 @@
 
 import pytest
 import torch
-from renderers import renderer_of
-from synthetic_scenes import scenery
-from torch.nn.functional import avg_pool2d, pad
 
-from defocus_core import render, repair_depth
+from defocus_core import repair_depth
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0
@@ -40,17 +37,3 @@ def test_no_ramp_is_an_edge_if_edges_are_hard():
     _, radius = softened(6)
     assert is_a_step(repaired_by(6))
     assert torch.equal(repaired_by(6, edge_width=0.0), radius)
-
-
-def test_render_takes_the_width():
-    image, radius = softened(24)
-    pictures = [render(image, radius, edge_width=width).render for width in (None, 24.0)]
-    assert not torch.equal(*pictures)
-
-
-def test_the_width_is_that_of_most_edges():
-    image, radius = scenery("cards", *SIZE, 24.0)
-    around = pad(radius[None, None], (3, 3, 3, 3), mode="replicate")
-    soft = avg_pool2d(around, 7, stride=1)[0, 0]
-    assert renderer_of(image, soft).repair.edge_width == pytest.approx(7, abs=1.5)
-    assert not any(renderer_of(image, radius).repair)

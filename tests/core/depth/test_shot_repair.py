@@ -1,5 +1,4 @@
 import torch
-from renderers import renderer_of
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.displacement import EdgeShifts
@@ -11,10 +10,6 @@ SIZE = (24, 32)
 def noisy(seed, deviation=0.3):
     generator = torch.Generator().manual_seed(seed)
     return 5 + deviation * torch.randn(SIZE, generator=generator)
-
-
-def texture(seed=0):
-    return torch.rand((3, *SIZE), generator=torch.Generator().manual_seed(seed))
 
 
 def test_most_frames_decide_on_a_repair_and_thresholds_are_medians():
@@ -32,16 +27,3 @@ def test_soft_and_shifted_edges_scale_with_the_lens():
     assert through == DepthRepair(
         noise=0.2, soft_edges=0.8, ramps=True, edge_shifts=shifts._replace(step=0.8)
     )
-
-
-def test_a_decided_repair_is_the_one_that_is_made():
-    image, radius = texture(), noisy(1)
-
-    def rendered(**settings):
-        tiles = renderer_of(image, radius, **settings).tiles()
-        return torch.cat([part.render for part in tiles])
-
-    decided = rendered(decided=DepthRepair(noise=0.3))
-    found, none = rendered(), rendered(decided=DepthRepair())
-    assert torch.equal(none, rendered(depth_repair="off"))
-    assert (found - decided).abs().max() < 0.12 * (found - none).abs().max()

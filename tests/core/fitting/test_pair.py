@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from defocus_core import DualPixel, fit, render
-from defocus_core.fitting.pictures import registered
 
 # A fit renders by torch: pairs that it makes, too, differ in nothing else than they should.
 pytestmark = pytest.mark.usefixtures("torch_back")
@@ -120,16 +119,6 @@ def test_magnification_and_shift_of_a_pair_are_found():
     assert found.shift == pytest.approx(shift, abs=0.05)
     assert found.strength == pytest.approx(STRENGTH, rel=0.01)
     assert found.focus == pytest.approx(FOCUS, abs=0.005)
-
-
-def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
-    place = torch.arange(80) + 0.5
-    wave = torch.sin(0.7 * place)[None, None, None].expand(1, 1, 60, 80)
-    moved = registered(wave, 2.3, 0.0, 1.0)[0][..., 8:-8]
-    wanted = torch.sin(0.7 * (place - 2.3)).expand(1, 1, 60, 80)[..., 8:-8]
-    torch.testing.assert_close(moved, wanted, rtol=0, atol=0.01)
-    turned = registered(wave.mT, 0.0, 2.3, 1.0)[0].mT[..., 8:-8]
-    torch.testing.assert_close(turned, moved)
 
 
 def test_lights_that_are_clipped_do_not_mislead():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from command_line import LENS, files_under, pair, refused, run
+from command_line import pair
 from jobs_files import job_of
 
 from defocus_core.errors import TooLarge
@@ -62,12 +62,3 @@ def test_what_a_limit_forbids_a_greater_one_would_allow(short, monkeypatch):
         bound_of(job, 30.0)
     said = int(re.findall(r"\d+", str(refusal.value))[-1])
     assert 70 < said - memory_budget.base_mb() < 90, "10 of files, and 60"
-
-
-def test_rendering_refuses_what_does_not_fit_and_writes_nothing(tmp_path, short):
-    job = short(lambda threads: 90.0 if threads == 1 else 450.0)
-    files = (job.picture.color, job.picture.depth)
-    options = "--threads", "4", "--quality", "high"  # by torch
-    ran = run("render", *LENS, *files, "-o", tmp_path / "out", *options)
-    refused(ran, 3, "out-of-memory", "a.exr")
-    assert files_under(tmp_path) == {"rgb/a.exr", "depth/a.exr"}

@@ -7,26 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import torch
-from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
-from defocus_core.picture.scene import map_on, picture_on, to_array
+from defocus_core.picture.scene import to_array
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
-
-
-def test_arrays_come_back_as_they_were():
-    assert np.array_equal(to_array(map_on(VALUES, "cpu")), VALUES)
-    with elsewhere():
-        gone = map_on(VALUES, NAME)
-        assert np.array_equal(here(gone), VALUES)
-        assert np.array_equal(to_array(there(torch.from_numpy(VALUES))), VALUES)
-
-
-def test_a_picture_is_taken_onto_the_device():
-    with elsewhere():
-        seen = picture_on([VALUES, 2 * VALUES], NAME)
-    assert np.array_equal(here(seen), np.stack([VALUES, 2 * VALUES]))
 
 
 @contextmanager

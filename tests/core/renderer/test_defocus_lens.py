@@ -9,7 +9,6 @@ import pytest
 import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from tolerances import ROUNDING
 
 from defocus_core import DefocusLens, RandomDefocus
 
@@ -86,13 +85,6 @@ def test_coc_is_what_the_marginal_rays_leave_on_the_sensor(foclen, fnum, focus, 
 def test_what_is_in_focus_has_radius_exactly_zero(dtype, focus):
     depth = torch.tensor(focus, dtype=dtype)
     assert float(camera(focus, dtype=dtype).signed_radius(depth)) == 0
-
-
-def test_the_radius_is_affine_in_disparity_through_infinity():
-    disparity = torch.linspace(0, 1 / 200, 11, dtype=torch.float64)
-    radius = camera().signed_radius(1 / disparity)
-    assert radius.isfinite().all()
-    assert radius.diff(n=2).abs().max() < ROUNDING[torch.float64]
 
 
 def test_a_focus_in_a_tensor_is_followed_through_gradient_steps():

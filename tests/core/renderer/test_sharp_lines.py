@@ -1,31 +1,15 @@
 """No blurred object leaves a sharp line of itself where depth ends within it."""
 
-from pathlib import Path
-
 import pytest
 import torch
-from command_line import read_exr, run
 from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core import render
 from defocus_core.tensors.neighbourhoods import extreme_around
 
-# A step is sharp above so many grey levels; a surface is blurred from so many px of radius on, if
-# all surfaces within so many px are.
-STEP, BLURRED, AROUND = 20, 6.0, 10
+STEP = 20  # grey levels above which a step is sharp
 # Px that the lines of a picture may have; px of radius of the card.
 LONGEST, RADIUS = 10, -20.0
-REAL = Path(__file__).parents[4] / "shared" / "real"
-STREET = ("--depth-kind", "disparity", "--depth-range", "2m", "50m", "--focal-length", "85mm")
-CUP = ("--depth-kind", "depth", "--depth-range", "0.5m", "8m", "--focal-length", "26mm")
-PHOTOGRAPHS = {
-    "street": ("street_8_all-in-focus.jpg", "street_8_disparity.jpg", *STREET),
-    "cup": ("clear.png", "estimated_depth.png", *CUP),
-}
-
-# not the cup at 0.8 m: black on white, blurred by 6 px, has higher steps itself
-PLACES = [f"street {focus}" for focus in ("0.8m", "4m", "10m", "inf")]
-PLACES += [f"cup {focus}" for focus in ("4m", "10m", "inf")]
 
 
 def sharp_lines(picture, explained):
@@ -51,11 +35,6 @@ def sharp_lines(picture, explained):
 def explained_by_truth(truth):
     """Where the picture [C, H, W] that a lens would take has a sharp step within 3 px."""
     return extreme_around(_steps(truth), 3, torch.maximum)
-
-
-def explained_by_depth(signed_radius):
-    """Where something around is not blurred, by radii [H, W] px."""
-    return extreme_around(signed_radius.abs(), AROUND, torch.minimum) < BLURRED
 
 
 def _grey(light):
@@ -111,20 +90,3 @@ def test_lines_are_found_where_depth_is_not_repaired():
     image, is_card = card(rim=True)
     assert longest_line(is_card, image, estimated(is_card, 3), "off") > 0
     assert longest_line(is_card, image, torch.where(is_card, RADIUS, 0.0), "off") == 0
-
-
-@pytest.mark.bench
-@pytest.mark.skipif(not REAL.is_dir(), reason="needs ../shared/real")
-@pytest.mark.parametrize("place", PLACES)
-def test_photographs_have_no_line(place, tmp_path):
-    name, focus = place.split()
-    color, depth, *options = PHOTOGRAPHS[name]
-    lens = ("--fnumber", "1.4", "--sensor-width", "36mm", "--focus", focus)
-    outputs = ("--outputs", "render,coc", "-o", tmp_path)
-    ran = run("render", REAL / color, REAL / depth, *options, *lens, *outputs)
-    assert ran.code == 0, ran.err
-    (rendered,), (radii,) = ((tmp_path / kind).glob("*.exr") for kind in ("render", "coc"))
-    picture = torch.stack([torch.as_tensor(read_exr(rendered)[channel]) for channel in "RGB"])
-    radius = torch.as_tensor(next(iter(read_exr(radii).values())))
-    lines = sharp_lines(picture, explained_by_depth(radius))
-    assert all(line[-1] <= LONGEST for line in lines)

@@ -7,12 +7,6 @@ from defocus_core.request.job import PictureFiles
 from defocus_core.request.pairing import find_pictures
 
 
-def test_two_files_are_one_picture_named_by_its_colour(tmp_path):
-    folder = touch(tmp_path, "photo.v2.jpg", "anything.png")
-    color, depth = folder / "photo.v2.jpg", folder / "anything.png"
-    assert find_pictures(color, depth) == [PictureFiles("photo.v2", color, depth)]
-
-
 def test_directories_pair_by_stem_in_order(tmp_path):
     color = touch(tmp_path / "c", "2.png", "1.JPG", ".1.png", "notes.txt")
     depth = touch(tmp_path / "d", "1.exr", "2.npy", ".hidden.exr", "readme.md")

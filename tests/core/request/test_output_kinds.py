@@ -6,12 +6,10 @@ import re
 import numpy as np
 import pytest
 from command_line import header, pair, read_exr, render, run
-from elements import disc, element, write
 
 from defocus_cli.commands.help import text
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
-from defocus_core.picture.write import _SOURCES
-from defocus_core.request.output_kinds import KINDS, Kind
+from defocus_core.request.output_kinds import KINDS
 
 MAPS = [kind for kind in KINDS.values() if not kind.image]
 
@@ -55,26 +53,6 @@ def test_the_topic_on_conventions_lists_each_kind():
     table = text("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
     listed = re.findall("`(\\w+)`", " ".join(row.split("|")[0] for row in table.split("\n|")[1:]))
     assert listed == list(KINDS)
-
-
-def test_memory_is_counted_for_what_is_held_until_it_is_written():
-    expected = {"render": 8, "left": 8, "coc": 0, "disparity": 0, "trust": 4, "multiview": 16}
-    assert {name: KINDS[name].memory_bytes(4, 2) for name in expected} == expected
-
-
-def test_a_kind_may_be_a_part_of_what_is_rendered(tmp_path, monkeypatch):
-    """As its recipe in CONTRIBUTING says, with alpha for an example."""
-    row = Kind("alpha", "the coverage", rendered=("render",), source="alpha")
-    monkeypatch.setitem(KINDS, "alpha", row)
-    part = lambda take, kind: (("alpha",), take.images["alpha"][-1:], {})  # noqa: E731
-    monkeypatch.setitem(_SOURCES, "alpha", part)
-    write(tmp_path / "a.exr", element(disc()))
-    options = ("--outputs", "render,alpha", "--exr-type", "float")
-    ran = render(tmp_path / "a.exr", "-o", tmp_path / "out", *options)
-    assert ran.code == 0, ran.err
-    image, alpha = (read_exr(tmp_path / "out" / name / "a.exr") for name in ("render", "alpha"))
-    assert np.array_equal(alpha["alpha"], image["A"])
-    assert 0 < image["A"].mean() < 1
 
 
 def test_maps_but_that_of_depth_are_no_depth():

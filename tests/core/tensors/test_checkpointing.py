@@ -20,11 +20,3 @@ def test_little_is_kept_for_a_backward_pass():
     with saved_tensors_hooks(keep, lambda values: values):
         render(image, radius.requires_grad_(), left_right=True)
     assert sum(kept.values()) < 60 * radius.nbytes, "it would be 570"
-
-
-def test_progress_ends_with_the_picture():
-    image, radius = torch.rand(3, 40, 260, requires_grad=True), torch.full((40, 260), 3.0)
-    told: list[tuple[int, int]] = []
-    o = render(image, radius, progress=lambda *counts: told.append(counts))
-    o.render.sum().backward()
-    assert told == [(1, 2), (2, 2)]

@@ -5,9 +5,6 @@ import torch
 from torch.nn.functional import avg_pool2d, interpolate, max_pool2d, pad
 
 from defocus_core import render
-from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
-from defocus_core.tensors.neighbourhoods import halfway
-from defocus_core.tensors.ties import off_round
 
 # What the last bits of a picture of order one may make of it.
 ROUNDED = 2e-4  # rounding where the lens sees little, up to 1e-4; a tie broken otherwise is 1e-2
@@ -129,25 +126,3 @@ def test_what_stops_lights_does_not_hang_on_last_bits(seed, quality):
 def test_parts_of_the_aperture_move_only_what_they_see():
     """A part of sixteen may miss a wire near focus altogether: what it sees of it is rounding."""
     assert off(*cards(2), quality="reference") < ROUNDED
-
-
-def test_what_lies_in_the_middle_belongs_to_the_farther():
-    near, far = torch.tensor(-4.0), torch.tensor(4.0)
-    border = halfway(near, far)
-    assert float(border) < 0.0 < float(far)
-    assert abs(float(border)) < 0.1 * float(far)
-
-
-def test_resolutions_do_not_depend_on_the_last_bit_of_the_range():
-    """The range of radii is often a power of two."""
-    image, radius = cards(2)
-    ends = radius.clamp(-8, 8)
-    ends[0, 0], ends[-1, -1] = -8.0, 8.0
-    every = [backdrop_of(image, ends * (1 + bit)) for bit in (-1e-6, 0.0, 1e-6)]
-    counts = {sum(len(table.origin) for table in each.tables) for each in every}
-    assert len(counts) == 1
-
-
-@pytest.mark.parametrize(("bound", "threshold"), [(1.5, 1.513), (0.25, 0.2513), (0.02, 0.02013)])
-def test_thresholds_lie_just_above_round_numbers(bound, threshold):
-    assert off_round(bound) == threshold

@@ -25,20 +25,12 @@ def drawn(image=IMAGE[None], depth=DEPTH, seeds=(1,), **ranges):
 
 WRONG_LATER: list[tuple[str, Any, str]] = [
     ("foclen", math.nan, "foclen must be positive and finite, got nan"),
-    ("foclen", 25000.0, "foc_dist must be farther than foclen=25000"),
     ("fnum", torch.tensor(-0.1), "fnum must be positive"),
     ("d_far", "20m", "d_far must be one number, got '20m'"),
-    ("d_far", math.nan, "d_close must not be farther than d_far, got .*=nan mm"),
     ("d_far", 0, "d_close must not be farther than d_far"),
-    ("d_close", -math.inf, "d_close must not be farther than d_far"),
     ("d_close", torch.ones(2), r"d_close must be one number, got torch.float32 \[2\]"),
-    ("sensor_size", 36.0, r"sensor_size must be \(width, height\), got 36.0"),
-    ("sensor_size", (-36.0, 27.0), "sensor width must be positive and finite, got -36"),
     ("sensor_size", (36.0, 24.0), "pixels must be square, .* use a sensor height of 27 mm"),
-    ("sensor_res", (16,), r"sensor_res must be \(width, height\), got \(16,\)"),
-    ("sensor_res", (16, "12"), "vertical sensor_res must be one number, got '12'"),
     ("sensor_res", (0, 12), "horizontal sensor_res must be positive and finite, got 0"),
-    ("obj_depth", math.nan, "obj_depth must be other than 0, got nan"),
     ("obj_depth", None, "obj_depth must be one number, got None"),
     ("dtype", torch.int32, "dtype must be floating point, got torch.int32"),
     ("device", "gpu", "device must be one of torch's, got 'gpu'"),
@@ -97,18 +89,6 @@ def test_a_parameter_of_one_element_is_a_number():
 
 def test_a_half_precision_lens_computes_in_float32():
     assert lens(dtype=torch.float16).coc(1000.0) == lens().coc(1000.0)
-
-
-@pytest.mark.parametrize("quality", ["standard", "high"])
-@pytest.mark.usefixtures("torch_back")
-def test_what_is_finite_stays_finite(quality):
-    radius = torch.where(RADIUS > 1, 8.0, -8.0)
-    usual = render(IMAGE, radius, quality=quality, left_right=True)
-    seen = render(IMAGE * 2.0**99, radius, quality=quality, left_right=True)
-    for kind in ("render", "left", "right"):
-        torch.testing.assert_close(
-            getattr(seen, kind) / 2.0**99, getattr(usual, kind), rtol=0, atol=1e-6
-        )
 
 
 def test_pictures_may_be_changed_in_place():

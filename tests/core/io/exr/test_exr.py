@@ -23,7 +23,6 @@ from defocus_core.io.exr.header import (
     read_headers,
 )
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import write_exr
 
 
@@ -202,15 +201,6 @@ def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path):
         for name, limit in before.items():
             oiio.attribute(name, limit)
     assert all((part.channels[name][:] == plane).all() for name, plane in planes.items())
-
-
-def test_a_file_is_that_which_openexr_writes_but_for_its_header(tmp_path):
-    planes, corner = mixed_planes((600, 20)), (-3, 5)
-    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner))
-    window = box(-3, 5, 16, 604)
-    told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
-    OpenEXR.File(told, planes).write(str(tmp_path / "b.exr"))
-    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
 
 
 def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path):

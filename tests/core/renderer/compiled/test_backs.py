@@ -7,7 +7,6 @@ from measures import worst
 from renderers import NEEDS_LOOPS, alone_of, renderer_of
 
 from defocus_core import Aperture, DualPixel
-from defocus_core.renderer.compiled.openings import STEPS, opening
 
 pytestmark = pytest.mark.skipif(**NEEDS_LOOPS)
 SIZE = 48
@@ -118,21 +117,6 @@ def test_each_opening_is_that_of_the_torch_back(feature, opening):
         assert float((a - b).abs().mean()) < 1e-3
         assert worst(a, b) < 0.025
     assert float((ours.trust - theirs.trust).abs().mean()) < 2e-3
-
-
-def test_spans_of_an_opening_are_its_kernel_and_halves():
-    """But for how ends differ within a row."""
-    for aperture in OPENINGS.values():
-        rows = opening(aperture.outline, 12)
-        px, at = np.arange(-rows.reach, rows.reach + 1), 12 * STEPS
-        for side, radius in enumerate((-12.0, 12.0)):
-            begin, end = rows.spans[side, at, :, :1], rows.spans[side, at, :, 1:]
-            drawn = end.clip(px - 0.5, px + 0.5) - begin.clip(px - 0.5, px + 0.5)
-            kernel = aperture.kernel(torch.tensor(radius), len(px)).numpy()
-            assert np.abs(drawn * rows.area[at] - kernel).sum() < 0.05
-            assert rows.area[at] / rows.left_area[side, at] == pytest.approx(
-                aperture.fraction(aperture.parts(2)[0]), abs=0.005
-            )
 
 
 def test_bands_in_threads_change_no_byte():

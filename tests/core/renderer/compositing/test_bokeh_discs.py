@@ -1,36 +1,18 @@
-"""Discs of highlights: the same as drawn pixel by pixel, clipped ray by ray."""
-
-import math
-from functools import cache
+"""Discs of highlights: the light of the kernel, and shadows as dark as what stands before."""
 
 import pytest
 import torch
 
 from defocus_core import Aperture
-from defocus_core.optics.parts import FULL, LEFT, RIGHT
+from defocus_core.optics.parts import FULL
 from defocus_core.renderer.compositing.highlights import Highlights, draw
 from defocus_core.renderer.engine.survey import highlight_limit, surveyed
 from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 
 RADII = tuple(float(r) for r in range(-12, 31, 2))
 H, W = 61, 83
 WHOLE = Box(0, 0, H, W)
-
-
-class Scene:
-    """Radii of pixels, their places between slices, and which lie beside an edge of depth."""
-
-    def __init__(self, signed_radius):
-        self.places = slice_position(signed_radius, RADII).tolist()
-        self.radii = radii = signed_radius.tolist()
-        self.edges = [[beside_an_edge(y, x, radii) for x in range(W)] for y in range(H)]
-
-
-@cache
-def scene_of(background):
-    return Scene(surfaces(background))
 
 
 def surfaces(background):
@@ -46,92 +28,6 @@ def lights(radii, *, at):
     return Highlights(torch.tensor(at), light * torch.arange(1, len(at) + 1)[:, None], radii)
 
 
-def pixel_by_pixel(some, scene, aperture, part):
-    """Each disc pixel: the kernel, times what no slice before it stops.
-
-    Of a disc of few pixels that is the mean over the lens, for all of them.
-    """
-    picture = torch.zeros(3, H, W, dtype=torch.float64)
-    for (row, column), light, r in zip(
-        some.at.tolist(), some.light, some.signed_radius.tolist(), strict=True
-    ):
-        extent = math.ceil(abs(r))
-        disc = aperture.kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, part)
-        limit = r - max(1.5, 0.15 * abs(r))
-
-        grid = [(k + 0.5) / 8 for k in range(-8, 8)]
-        lens = [(y, x) for y in grid for x in grid if math.hypot(y, x) < 1]
-        small = abs(r) < 2.013
-        at, spread = (row, column), tuple(r - radius for radius in RADII)
-        clear = (come_through(at, limit, u, spread, scene, between=False) for u in lens)
-        mean = sum(clear) / len(lens) if small else 1.0
-        scale = tuple(px / r for px in spread) if r else spread
-        rows = range(max(-extent, -row), min(extent, H - 1 - row) + 1)
-        columns = range(max(-extent, -column), min(extent, W - 1 - column) + 1)
-        free = torch.tensor(
-            [
-                [
-                    mean if small else come_through(at, limit, (y, x), scale, scene, between=True)
-                    for x in columns
-                ]
-                for y in rows
-            ],
-            dtype=torch.float64,
-        )
-        down = slice(rows[0] + extent, rows[-1] + extent + 1)
-        across = slice(columns[0] + extent, columns[-1] + extent + 1)
-        shown = disc[down, across] * free * light[:, None, None]
-        picture[:, row + rows[0] : row + rows[-1] + 1][
-            ..., column + columns[0] : column + columns[-1] + 1
-        ] += shown
-    return picture
-
-
-@cache
-def come_through(at, limit, away, scale, scene, *, between):
-    """What no slice nearer than a limit stops, so many times as far away from a light.
-
-    Beside edges of depth it is interpolated between pixels, if asked for.
-    """
-    free = 1.0
-    for k, radius in enumerate(RADII):
-        if radius < limit:
-            far = [scale[k] * d for d in away]
-            y, x = (_at(a, d) for a, d in zip(at, far, strict=True))
-            if not between or not scene.edges[min(max(y, 0), H - 1)][min(max(x, 0), W - 1)]:
-                free -= share_at(y, x, k, limit, scene)
-                continue
-            down, across = (_ends(a + d) for a, d in zip(at, far, strict=True))
-            for row, row_weight in down:
-                for column, column_weight in across:
-                    free -= row_weight * column_weight * share_at(row, column, k, limit, scene)
-    return max(free, 0.0)
-
-
-def share_at(y, x, k, limit, scene):
-    """The share of a pixel in slice k, if it is nearer than the limit."""
-    y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
-    return max(0.0, 1 - abs(scene.places[y][x] - k)) if scene.radii[y][x] < limit else 0.0
-
-
-def beside_an_edge(y, x, radii):
-    y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
-    rows = radii[max(y - 1, 0) : y + 2]
-    around = [r for row in rows for r in row[max(x - 1, 0) : x + 2]]
-    return max(around) - min(around) > 1.513
-
-
-def _ends(place):
-    """The two pixels beside a place, and their shares."""
-    below = math.floor(place)
-    return [(below, below + 1 - place), (below + 1, place - below)]
-
-
-def _at(light, away):
-    """The pixel nearest to a place; of two the one towards the light."""
-    return round(light + away - math.copysign(0.01, away))
-
-
 def drawn(some, signed_radius, aperture, parts, box=WHOLE):
     return draw(some, [before(signed_radius)], RADII, aperture, parts, box)
 
@@ -143,24 +39,6 @@ def before(radius, coverage=None):
 
 
 AT = [(30, 44), (0, 0), (60, 70), (28, 30), (3, 82), (29, 47)]
-
-
-@pytest.mark.parametrize(
-    ("radii", "aperture"),
-    [
-        ([25.3] * 6, Aperture()),
-        ([25.3, 24.0, 3.2, 0.7, 12.0, 0.2], Aperture(psf_type="gaussian")),
-        ([-7.3, -7.3, -11.9, 2.0, 18.0, -1.2], Aperture(5, 20.0)),
-    ],
-)
-def test_discs_are_those_drawn_pixel_by_pixel(radii, aperture):
-    some = lights(torch.tensor(radii, dtype=torch.float64), at=AT)
-    for background in (26.0, -8.0):
-        scene = surfaces(background)
-        parts = [FULL, LEFT, RIGHT]
-        for part, found in zip(parts, drawn(some, scene, aperture, parts), strict=True):
-            wanted = pixel_by_pixel(some, scene_of(background), aperture, part)
-            assert (found - wanted).abs().max() <= 1e-12 * wanted.abs().max()
 
 
 def test_nothing_shows_beside_a_disc_as_bright_as_the_sun():

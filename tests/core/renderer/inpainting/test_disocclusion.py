@@ -4,14 +4,9 @@ import math
 
 import pytest
 import torch
-from scenes import random_radius
 
 from defocus_core import HiddenLayer, render
-from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
-from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import axes
 
 SIZE = (64, 80)
 SKY, SIGN, WIRE = 14.0, 0.0, -4.0
@@ -122,28 +117,3 @@ def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality, step
     through = (1 - 2 * 3 / (math.pi * 22)) * (1 - 2 * 6 / (math.pi * 8))  # what both let pass
     assert wall[13, 11] == pytest.approx(through, abs=0.1)
     assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < step
-
-
-@pytest.mark.parametrize("kind", ["street", "random"])
-def test_how_far_an_edge_shows_is_the_greatest_cone(kind):
-    radius = street()[1] if kind == "street" else random_radius(SIZE)
-    reach = backdrop_of(radius[None], radius).reach
-    revealed = reach.revealed(radius, Box(0, 0, *SIZE), axes(SIZE), 0)
-    y, x = (at.flatten() for at in torch.meshgrid(*map(torch.arange, SIZE), indexing="ij"))
-    r, edges = radius.flatten(), torch.zeros(SIZE, dtype=torch.bool)
-    down, across = radius.diff(dim=0), radius.diff(dim=1)
-    edges[:-1] |= down < -1
-    edges[1:] |= down > 1
-    edges[:, :-1] |= across < -1
-    edges[:, 1:] |= across > 1
-    at = torch.nonzero(edges.flatten())[:, 0]
-    away = (y[:, None] - y[at]).abs() + (x[:, None] - x[at]).abs()
-    cone = (r[at] - DECAY * away).amax(1).reshape(SIZE)
-    alone = revealed.ceiling == torch.inf
-    # coarse pixels are two px wide, radii are told in grains
-    assert (revealed.shown - cone)[alone].abs().max() < 4 * DECAY + 2 / 16
-    closest = away.amin(1).reshape(SIZE)[~alone]
-    assert bool((radius + STEP < revealed.shown)[~alone].all())
-    spent = (revealed.source - revealed.shown)[~alone] / DECAY
-    assert len(spent) or kind == "random"
-    assert bool(((spent - closest).abs() <= 4).all())

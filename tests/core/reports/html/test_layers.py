@@ -29,12 +29,6 @@ def planes():
     return list(values)
 
 
-def test_values_come_back_exactly(planes):
-    packed = layers.pack(layers.half_bits(planes, 1.0), (5, 7, 34, 21), 1.0)
-    assert np.array_equal(unpacked(packed, 3), np.stack(planes), equal_nan=True)
-    assert (packed.box, packed.size, packed.base) == ((5, 7, 34, 21), (34, 21), "")
-
-
 def test_a_layer_like_another_is_stored_as_their_difference(planes):
     bits = layers.half_bits(planes, 1.0)
     changed = [plane.copy() for plane in planes]
@@ -44,12 +38,6 @@ def test_a_layer_like_another_is_stored_as_their_difference(planes):
     assert packed.base == "a"
     assert len(packed.payload) < len(alone.payload) / 5
     assert np.array_equal(unpacked(packed, 3, bits), np.stack(changed), equal_nan=True)
-
-
-def test_another_base_is_used_only_where_it_is_shorter(planes):
-    flat = [np.ones_like(plane) for plane in planes]
-    base = ("a", layers.half_bits(planes, 1.0))
-    assert layers.pack(layers.half_bits(flat, 1.0), (0, 0, 34, 21), 1.0, base).base == ""
 
 
 def test_what_is_beyond_half_is_scaled_and_not_clamped():

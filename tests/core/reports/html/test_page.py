@@ -33,18 +33,6 @@ def valued(items):
     return [any(layer.values for layer in each.layers) for each in items]
 
 
-def test_all_is_kept_where_there_is_room():
-    items = [item("x", 300, 3000), item("y", 300, 0)]
-    assert page.fitted(items) == items
-
-
-def test_the_first_items_keep_their_values():
-    kept = fitted([item(name, 60, 300) for name in "vwxyz"])
-    assert valued(kept) == [True, True, False, False, False]
-    assert all(len(each.layers) == 3 for each in kept[:2])
-    assert spent(kept) <= ROOM
-
-
 def test_thumbnails_take_no_more_than_a_half():
     kept = fitted([item(str(n), 150, 300) for n in range(40)])
     assert valued(kept)[0]
@@ -59,7 +47,3 @@ def test_a_table_of_very_many_items_takes_room_from_pictures():
     assert spent(kept) < room - sum(map(page.text_room, items))
     assert kept[0].layers
     assert not kept[-1].layers
-
-
-def test_a_large_item_lets_smaller_ones_come_after_it():
-    assert valued(fitted([item("large", 10, 3000), item("small", 10, 30)])) == [False, True]
