@@ -178,7 +178,7 @@ class TooLarge(InputError):  # noqa: N818 - it is said of a file
 
 
 class NotExplained(DefocusError):  # noqa: N818 - it is said of pictures
-    """No lens that was found explains what pictures differ by."""
+    """No lens found explains the difference of the pictures."""
 
 
 def cannot_read(path: Path, error: OSError, remedy: str) -> InputError:

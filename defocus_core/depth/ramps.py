@@ -290,7 +290,7 @@ class DistanceScale(NamedTuple):
         return distance * by_distance - self.farthest
 
     def times(self, factor: float) -> DistanceScale:
-        """The scale of the same distances where all radii are so many times as great."""
+        """The scale of the same distances if all radii are multiplied by a factor."""
         return DistanceScale(*(px * factor for px in self))
 
     def rescaled(self, scale: float, infinity: float) -> DistanceScale:

@@ -169,7 +169,7 @@ def diagnose_depth(
     depth_repair: str = "auto",
     edge_width: float | None = None,
 ) -> DepthRepair:
-    """The repair that a depth map needs before it is rendered, as far as it shows without colours.
+    """The repair that a depth map needs before it is rendered, judged without colours.
 
     Args:
         signed_radius: [H, W] px.
@@ -259,7 +259,7 @@ def _range_of(signed_radius: Tensor, mask: Tensor) -> _Range:
 
 
 def _pooled(values: Tensor, pool: Callable[..., Tensor]) -> Tensor:
-    """What a pool makes of the square around each pixel [H, W]: of its columns, then its rows."""
+    """A pool of the square around each pixel [H, W]: first of the columns, then of the rows."""
     side, values = 2 * _AROUND_MATTE + 1, values[None, None]
     values = pool(values, (side, 1), 1, (_AROUND_MATTE, 0))
     return pool(values, (1, side), 1, (0, _AROUND_MATTE))[0, 0]

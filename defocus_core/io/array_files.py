@@ -69,7 +69,7 @@ def array_type(head: bytes) -> str:
 
 
 def has_frames(path: Path) -> bool:
-    """Whether a file is of several arrays, or of one that is a stack: ``part`` is its frame."""
+    """Whether a file holds several arrays or a stack of frames: ``part`` chooses one."""
     kind = array_type(read_head(path, _HEAD))
     if kind == "NPY":
         return any(frames_of(entry.shape) > 1 for entry in read_entries(path).values())
@@ -126,7 +126,7 @@ def read_map(path: Path) -> NDArray[Any]:
 
 
 def squeezed_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """The shape of an array without first and last axes of one entry, but for two."""
+    """A shape without outer axes of length 1, of which two axes at least are kept."""
     while len(shape) > 2 and shape[0] == 1:
         shape = shape[1:]
     while len(shape) > 2 and shape[-1] == 1:
@@ -135,7 +135,7 @@ def squeezed_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def frames_of(shape: tuple[int, ...]) -> int:
-    """How many maps an array of a shape holds along its first axis of more than one entry."""
+    """The number of maps in an array of a shape: its first length greater than 1."""
     shape = squeezed_shape(shape)
     return shape[0] if len(shape) == 3 or (len(shape) == 4 and shape[1] == 1) else 1
 

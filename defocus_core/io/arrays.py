@@ -27,7 +27,7 @@ def times(array: NDArray[Any], factor: float) -> NDArray[Any]:
 
 
 def block_of(planes: Sequence[Any]) -> NDArray[Any]:
-    """Arrays [H, W] as one [C, H, W]: that whose parts they are, in order, or else a copy."""
+    """Arrays [H, W] as one [C, H, W]: the array that they are views of, or a copy."""
     block = planes[0].base
     if isinstance(block, np.ndarray) and block.shape == (len(planes), *planes[0].shape):
         starts = [part.ctypes.data for part in block]

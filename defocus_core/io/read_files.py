@@ -183,7 +183,7 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Discard all that is printed while the block runs, by one thread at a time.
+    """Discard all that is printed while the block runs in one thread at a time.
 
     stdout and stderr belong to the process: what other threads print meanwhile is lost too, unless
     they print inside `spoken`.
@@ -217,12 +217,12 @@ def spoken() -> Iterator[None]:
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
-    """The error for a file that cannot be decoded; not of it, where the system lacks something."""
+    """The error for a file that cannot be decoded, or for a system that lacks something."""
     return _lacking(path, why) or InputError("damaged", f"{what} ({why})", AGAIN, path=path)
 
 
 def _lacking(path: Path, why: str) -> InputError | None:
-    """The error of a system that lacks something; None where it is the file that is at fault."""
+    """The error for a system that lacks something; None if the file is at fault."""
     lacks = next((words for words in _LACKS if words.lower() in why.lower()), "")
     problem = f"cannot be read: {lacks}"
     return InputError("unreadable", problem, _LACKS[lacks], path=path) if lacks else None

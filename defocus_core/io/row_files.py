@@ -26,7 +26,7 @@ def read_rows(
     header: str = "color,depth",
     columns: Columns = lambda cells, _: cells,
 ) -> Iterator[Row]:
-    """Place and values of each row, without those that are empty or null.
+    """Place and values of each row, without empty or null values.
 
     `what`: the file, in words; `example`, `header`: a row of JSON, empty where a file is none, and
     a header of CSV; `columns`: the keys that cells of a header name, at its place.

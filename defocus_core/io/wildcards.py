@@ -27,9 +27,9 @@ def texts_before(pattern: str | Path) -> list[str]:
 
 
 def wild_text(name: str, pattern: str) -> str | None:
-    """What the wildcards of a pattern stand for in a name; None if it does not match.
+    """The texts of a pattern's wildcards in a name; None if it does not match.
 
-    A run of ``#`` is a number of so many digits or more, and no part of that.
+    A run of ``#`` is a whole number of at least as many digits.
     """
     if not fnmatchcase(name, _NUMBER.sub("*", pattern)):
         return None

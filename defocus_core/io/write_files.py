@@ -46,14 +46,14 @@ def path_fault(name: object) -> str | None:
 class Folder:
     """A folder, and the files below it by their names relative to it, with slashes.
 
-    All methods raise OSError: ELOOP where a link is in the way, EINVAL for a name of which
-    `path_fault` tells.
+    All methods raise OSError: ELOOP where a link is in the way, EINVAL for a name with a
+    `path_fault`.
     """
 
     root: Path
 
     def path(self, name: str, *, make: bool = False) -> Path:
-        """The path of a file: a regular file, or nothing, is there.
+        """The path of a regular file, or of one that is missing.
 
         `make`: whether the folders that it lies in are made.
         """
@@ -182,7 +182,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
     Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
-    is untouched. What a killed process left of it is removed, too, but of `written_together`.
+    is untouched. Siblings of killed processes are removed too, except `written_together`.
     """
     together = _together.get()
     if together is None:
@@ -208,7 +208,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
 
 
 def link_or_copy(source: Path, path: Path) -> None:
-    """Put a file, of `written_together`, at another place: as a hard link, or else as a copy."""
+    """Put a file of `written_together` at another place: a hard link, or else a copy."""
     together = _together.get()
     assert together is not None
     sibling = _Sibling.of(path, together[1])
@@ -271,7 +271,7 @@ _HEAD = 2**16  # bytes
 
 
 def _picture(kind: str) -> re.Pattern[bytes]:
-    """A PNG or EXR whose attribute says that it is of a kind."""
+    """The beginning of a PNG or EXR whose attribute names a kind."""
     return re.compile(rf"(?:\x89PNG|v/1\x01).*{KIND}\0.{{0,16}}{kind}".encode("latin-1"), re.S)
 
 
@@ -299,8 +299,8 @@ def require_replaceable(
 ) -> None:
     """Refuse to replace a file or folder that must be kept.
 
-    `kind`: of `_BEGINNINGS`, of which a file of ours, or an empty one, may go; `overwrite`: any may
-    go, but `inputs`, the `identities` of the files that are read.
+    `kind`: a key of `_BEGINNINGS`; a file of ours of that kind, or an empty one, may go;
+    `overwrite`: any may go except `inputs`, the `identities` of files that are read.
     """
     if inputs and not inputs.isdisjoint(identities([path])):
         raise replaces_input(path)

@@ -290,7 +290,7 @@ def measures(take: Take) -> dict[str, float | None]:
 
 
 def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
-    """Mean, median and 99th percentile of |radius| in px, but of pixels that hold nothing."""
+    """Mean, median and 99th percentile of |radius| in px over pixels that are not empty."""
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
     if not sizes.size:
         return dict.fromkeys(RADII, 0.0)

@@ -29,7 +29,7 @@ from defocus_core.system.text import counted
 def fill_from_farther(
     metres: Any, valid: NDArray[np.bool_], farther: np.ufunc = np.maximum
 ) -> None:
-    """Give invalid pixels [H, W], not all, the farther of those next to them in their row.
+    """Fill invalid pixels [H, W], not all, from the farther valid one in their row.
 
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
@@ -93,24 +93,24 @@ class Depth:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the file holds radii in px, of which no distance is taken for another."""
+        """Whether the numbers are absolute radii in px, not depth."""
         return self.is_radius and not self.is_relative
 
     @property
     def present(self) -> NDArray[np.float32]:
-        """The depths [n] but where there is nothing."""
+        """The depths [n] of pixels that are not empty."""
         whole: NDArray[np.float32] = self.metres
         return whole.ravel() if self.empty is None else whole[~self.empty]
 
     @property
     def ends(self) -> tuple[float, float] | None:
-        """The least and the greatest of the valid depths of what is there; None of nothing."""
+        """The least and the greatest valid depth; None if no pixel has one."""
         known = self.metres[self.valid if self.empty is None else self.valid & ~self.empty]
         return (float(known.min()), float(known.max())) if known.size else None
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Pixels [H, W] with a depth; NaN, 0 and negative numbers are none."""
+        """Pixels [H, W] with a positive depth, or a finite radius."""
         if self.is_radius:
             finite: NDArray[np.bool_] = np.isfinite(self.metres)
             return finite
@@ -119,7 +119,7 @@ class Depth:
 
     @property
     def invalid(self) -> NDArray[np.bool_]:
-        """Where there is no depth: [H, W]."""
+        """Pixels [H, W] without a depth."""
         return ~self.valid
 
 
@@ -132,7 +132,7 @@ def read_depth(
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
 ) -> Depth:
-    """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
+    """Decode a depth map; invalid pixels are marked, or replaced if the reading asks.
 
     `size`: (width, height) of its colour as it is shown; `lens_focal`: focal length of the lens in
     widths of its sensor; `overscan`, `alpha` [H, W]: of the colour.
@@ -312,7 +312,7 @@ _ENOUGH, _MAXIMUM = 12, 0.8
 
 
 def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
-    """The numbers without the alpha [H, W] of the colour in them, and what was done, in words."""
+    """The numbers divided by alpha [H, W] if they were multiplied by it, and a note on it."""
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):

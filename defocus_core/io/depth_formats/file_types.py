@@ -230,7 +230,7 @@ _SIGNS = {
 
 
 def refuse_assumed(path: Path, values: NDArray[np.uint16]) -> None:
-    """Refuse 16 bits [H, W] as millimetres by the path of another format, or from end to end."""
+    """Refuse 16 bits [H, W] as millimetres if the path or their range tells otherwise."""
     place = "/".join(path.absolute().parts[-_PARTS:]).lower()
     for name, sign in _SIGNS.items():
         if found := re.search(sign, place):

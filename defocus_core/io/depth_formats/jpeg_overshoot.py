@@ -20,7 +20,7 @@ _SURFACE, _EDGE, _MOST = 6, 16, 0.25
 
 
 def without_overshoot(values: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The numbers [H, W] of a JPEG; at edges none is beyond those of the surfaces around."""
+    """The numbers [H, W] of a JPEG, at edges limited to those of the surfaces around."""
     height, width = values.shape
     padded = np.pad(values, [(0, -n % _BLOCK) for n in (height, width)], mode="edge")
     blocks = padded.reshape(len(padded) // _BLOCK, _BLOCK, -1, _BLOCK).astype(np.float32)

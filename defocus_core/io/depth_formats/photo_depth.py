@@ -47,7 +47,7 @@ _PERSON, _HAIR = "aux:portraiteffectsmatte", "aux:semantichairmatte"
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
-    """A file with the sharp picture inside a photograph; itself if it has none of its own."""
+    """The sharp picture inside a photograph as a file, or the photograph itself."""
     of_google = own_format(path) == "android-gdepth"
     data = _properties(path.read_bytes()).get("GImage:Data") if of_google else None
     if data is None:

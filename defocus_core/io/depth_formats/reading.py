@@ -95,7 +95,7 @@ class DepthReading:
 
     @property
     def holds_radii(self) -> bool:
-        """Whether no lens is needed but its opening: of files of radii, or relative disparity."""
+        """Whether the files need no lens but its opening: radii or relative disparity."""
         return self.relative or self.row.rule == "radius"
 
     def as_relative(self) -> Self:
@@ -111,7 +111,7 @@ class DepthReading:
 
     @property
     def needs_lens(self) -> bool:
-        """Whether the lens itself may have to say the field of view of the picture."""
+        """Whether the field of view of the picture may have to come from the lens."""
         row = self.row
         if any(value is not None for value in (self.fov, self.focal_px, row.focal_px)):
             return False
@@ -131,7 +131,7 @@ MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round t
 
 
 def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
-    """How much wider, as a share, a view becomes in another size; None if it is another view."""
+    """The relative change of aspect in another size; None if it is another view."""
     (columns, rows), (width, height) = size, target
     if abs(width * rows - height * columns) <= max(*size, *target):
         return 0.0
@@ -142,7 +142,7 @@ def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
 def require_size(
     path: Path, reading: DepthReading, shape: tuple[int, ...], size: tuple[int, int] | None
 ) -> None:
-    """Refuse depth of another size than its colour (width, height) that is not to be resized."""
+    """Refuse depth of another size than its colour, unless it is to be resized."""
     rows, columns = shape[:2]
     if size is None or (columns, rows) == size or reading.resize_depth is not None:
         return
@@ -152,7 +152,7 @@ def require_size(
 
 
 def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> InputError:
-    """The error for depth of rows and columns beside a colour of a width and a height."""
+    """The error for depth (rows, columns) of another size than its colour."""
     rows, columns = shape
     problem = f"is {columns}x{rows} px but its colour is {size[0]}x{size[1]} px"
     remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
@@ -165,7 +165,7 @@ def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> Inp
 
 
 class Mark(NamedTuple):
-    """Pixels whose depth another channel, array or file says."""
+    """Pixels whose depth comes from another channel or file."""
 
     pixels: NDArray[np.bool_]  # [H, W]
     depth: float  # inf is sky, NaN no depth
@@ -191,7 +191,7 @@ class DepthNumbers:
 
     @property
     def width(self) -> int:
-        """Of the map in px."""
+        """Its width in px."""
         return int(self.values.shape[1])
 
     @property

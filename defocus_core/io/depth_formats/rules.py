@@ -262,7 +262,7 @@ def _focal_words(focal: float, width: int) -> str:
 
 
 def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
-    """Scale and shift with which number 0 is one value, and `top` another."""
+    """Scale and shift that map 0 to one value, and `top` to another."""
     return (at_top - at_zero) / top, at_zero
 
 

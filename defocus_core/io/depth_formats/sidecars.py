@@ -27,7 +27,7 @@ Found = Mapping[str, Any]  # fields of a `DepthFormat`
 
 
 def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """A format with what the sidecar of a depth file says; as it is if there is no such file."""
+    """A format completed by the sidecar of a depth file; unchanged without a sidecar."""
     place = _sidecar(row, samples.path)
     if place is None:
         return row
@@ -124,7 +124,7 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
 
 
 def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark:
-    """What a mask of a depth file marks, as it is stored: nothing if there is no such file."""
+    """The stored pixels that the mask of a depth file marks: none without a mask."""
     place = _found(mask.places, path)
     if place is None:
         return Mark(np.broadcast_to(np.False_, shape), math.nan, "no mask beside it")

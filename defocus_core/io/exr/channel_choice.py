@@ -243,7 +243,7 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
 
 
 def require_view(paths: Sequence[Path], view: str | None) -> None:
-    """Refuse the name of a view for files of which none has views."""
+    """Refuse a named view for files without views."""
     if view is None:
         return
     exrs = [path for path in paths if is_exr(read_head(path))]
@@ -253,7 +253,7 @@ def require_view(paths: Sequence[Path], view: str | None) -> None:
 
 
 def default_warning(headers: Sequence[Header], view: str | None) -> tuple[str, ...]:
-    """What is said of a file of several views of which none was asked for."""
+    """The warning for a file of several views, if no view is named."""
     views = views_of(headers)
     if view is not None or len(views) < 2:
         return ()

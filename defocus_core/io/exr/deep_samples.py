@@ -55,7 +55,7 @@ class _Part(NamedTuple):
 
 @once
 def count_samples(path: Path, header: Header) -> tuple[int, int]:
-    """The samples of the pixel with most of them, and of all, of which none is decoded."""
+    """The numbers of samples of the fullest pixel and of all; none is decoded."""
     with _open(path, header) as (file, part, chunks):
         counts = [_counts(file, part, chunk) for chunk in chunks if chunk.unpacked]
     maximum = max((int(count.max()) for count in counts), default=0)
@@ -192,7 +192,7 @@ class DeepSamples(NamedTuple):
 
     @property
     def maximum(self) -> int:
-        """The number of samples of the pixel with most of them."""
+        """The number of samples of the fullest pixel."""
         return int(self.rank.max(initial=-1)) + 1
 
     def dense(self, chosen: Any, values: NDArray[Any]) -> NDArray[Any]:

@@ -82,7 +82,7 @@ class Header:
 
     @property
     def views(self) -> tuple[str, ...]:
-        """The views of a file of several cameras that have channels in it."""
+        """The views that have channels in a file of several cameras."""
         return (self.view,) if self.view else self.multi_view
 
     @property
@@ -92,7 +92,7 @@ class Header:
         return raw.value.decode("utf-8", "replace") if raw and raw.kind == "string" else ""
 
     def cut_note(self, kept: Overscan) -> str:
-        """Pixels beyond the display window, and those missing in it; empty if there are none."""
+        """A note on pixels beyond the display window or missing in it; empty without any."""
         data, display = self.data, self.display
         overscan = f"overscan {kept}" if any(kept) else ""
         is_cropped = not display.grown(kept).covers(data)

@@ -55,7 +55,7 @@ class Window(NamedTuple):
         return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
     def overscan(self, display: Window, *, whole: bool = False) -> Overscan:
-        """How far it reaches beyond a display window: up to its longer side, where blur ends."""
+        """The pixels beyond a display window: up to its longer side, where blur ends."""
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
         maximum = max(display.width, display.height)

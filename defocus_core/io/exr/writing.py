@@ -39,10 +39,10 @@ def write_exr(
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
 
-    OpenEXR encodes a file of its own, whose chunks stand below the header that is wanted.
+    The chunks are those of a file that OpenEXR encodes, below the wanted header.
 
-    `channels`: name to float16, float32 or uint32 array [H, W]; of `attributes`, tags and profiles
-    of photographs are left out.
+    `channels`: name to float16, float32 or uint32 array [H, W]; tags and profiles of photographs in
+    `attributes` are left out.
     """
     own = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in own.items() if isinstance(value, Raw)}
@@ -108,7 +108,7 @@ def _encoded(
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
-    """``values`` as half, clamped to ±65504, and where that was needed; NaN stays NaN."""
+    """``values`` as half, clamped to ±65504, and those clamped; NaN stays NaN."""
     largest = np.float32(np.finfo(np.float16).max)
     if not values.size or max(float(values.max()), -float(values.min())) <= largest:
         return values.astype(np.float16), np.zeros(values.shape, bool)

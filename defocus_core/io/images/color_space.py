@@ -73,9 +73,9 @@ def read_profile(data: bytes) -> Profile | None:
 
 
 def sound_profile(data: bytes, colors: int) -> bytes:
-    """The profile at the beginning of bytes; empty if it is none that encoders take.
+    """The profile at the start of bytes; empty if encoders do not accept it.
 
-    ICC.1:2022, 7.2. libpng ends the process at one of another number of colours.
+    ICC.1:2022, 7.2. A wrong number of colours makes libpng end the process.
     """
     if len(data) < _HEAD + 4:
         return b""

@@ -39,17 +39,17 @@ class FileInfo:
 
     @property
     def names(self) -> list[str]:
-        """Of the channels of all parts."""
+        """The channels of all parts."""
         return [channel.name for part in self.parts for channel in part.channels]
 
     @property
     def numbers(self) -> int:
-        """Of all channels, as many as are read at most."""
+        """The numbers of all channels, the most that are read."""
         return self.pixels * len(self.names)
 
     @property
     def nearly_empty(self) -> str:
-        """How many numbers a small file claims that can hardly tell a picture; empty of others."""
+        """The numbers claimed by a file too small for a picture, in words; else empty."""
         size = self.path.stat().st_size
         if self.numbers <= max(MOST_NUMBERS, NUMBERS_OF_A_BYTE * size):
             return ""

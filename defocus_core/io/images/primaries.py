@@ -112,9 +112,9 @@ def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
 
 
 def primaries_of_columns(columns: NDArray[np.float64]) -> Chromaticities:
-    """The primaries of the columns X, Y, Z of an ICC profile [3, 3], which are adapted to D50.
+    """The primaries of the columns X, Y, Z [3, 3] of an ICC profile, adapted to D50.
 
-    Those of a name, or else as they are seen beside the white D50, which converts to the same.
+    They are named ones if they match; else as seen beside the white D50, to the same effect.
     """
     for known in NAMED.values():
         native = xyz_of_primaries(known)

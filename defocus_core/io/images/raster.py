@@ -82,9 +82,9 @@ _CONVERSIONS = {
 
 
 def read_pages(path: Path, *, wanted: str = _WANTED, every_type: bool = False) -> list[Raster]:
-    """Look at the headers of all images of a file.
+    """The headers of all images of a file.
 
-    `wanted`: the types that errors propose; `every_type`: also of what no picture is made of.
+    `wanted`: the types that errors propose; `every_type`: whether files of any type are read.
     """
     if is_heic(read_head(path)):
         return [_heic_page(path)]
