@@ -3,19 +3,21 @@
 Interpolation is linear in the variable in which the blur is smooth: disparity for the focus, the
 logarithm for f-number, focal length and other sizes, the value itself for angles and pixels. The
 first key holds before it, the last one after it. Numbers without a unit are metres for a focus, and
-mm for other lengths.
+mm for other lengths. A ``.csv`` has a header that names frame and options, like
+``frame,focus,fnumber``; ``x,y`` is focus-at, and an empty cell is no key.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from defocus_core.errors import CALLER, InputError, UsageProblem
-from defocus_core.io.shots.key_files import Key, frame_of, read_keys
+from defocus_core.errors import CALLER, InputError, Place, UsageProblem
+from defocus_core.io.row_files import read_rows
 from defocus_core.request.job_options import ANIMATION_OPTIONS
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.request.quantities import read_at, text_of
@@ -77,60 +79,68 @@ def _interpolated(row: LensParam, first: Any, last: Any, fraction: float) -> Any
 
 def read_animation(files: Iterable[str], table: Table | None = None) -> Animation | None:
     """The animation of files and of ``[animate]``; None without keys."""
-    root, every = Path(), dict[str, Mapping[int, Key]]()
+    root, every = Path(), dict[str, dict[int, Given]]()
     if table is not None:
-        root, files = table.file.parent, table.texts("file")
-        every = _keys_of(table)
+        root, files, every = table.file.parent, table.texts("file"), _collected(_of_table(table))
     for text in files:
         file, (option, is_curve, _) = root / text, text.partition("=")
         if is_curve and not file.exists():
             remedy = f"give CSV, with the header frame,{option} above its lines"
             where = CALLER.with_field("animate") if table is None else table.place("file")
             raise UsageProblem("malformed", f"'{text}' is not a file of keys", remedy, path=where)
-        is_toml = file.suffix.lower() == ".toml"
-        keys = _keys_of(_animate_of(file)) if is_toml else read_keys(file)
+        keys = read_keys(file)
         for twice in keys.keys() & every.keys():
-            problem = f"animates {twice}, as does {_first(every[twice]).where}"
+            problem = f"animates {twice}, as does {_first(every[twice]).place}"
             raise UsageProblem("contradiction", problem, "remove one of them", path=file)
         every |= keys
-    checked = {name: _checked(name, keys) for name, keys in every.items() if keys}
-    if not checked:
+    if not every:
         return None
-    refuse_contradiction({name: _first(keys) for name, keys in checked.items()})
-    return Animation(checked)
+    refuse_contradiction({name: _first(keys) for name, keys in every.items()})
+    return Animation(every)
 
 
-_K = TypeVar("_K")
-
-
-def _first(keys: Mapping[int, _K]) -> _K:
+def _first(keys: Mapping[int, Given]) -> Given:
     return next(iter(keys.values()))
 
 
-def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Given]:
-    """The keys of an option by frame, with units added to plain numbers."""
-    refuse_unknown([name], tuple(LENS_OPTIONS), _first(keys).where, "a lens", "option")
-    row, made = LENS_OPTIONS[name], {}
-    for frame, key in sorted(keys.items()):
-        text = row.with_unit(key.text)
-        made[frame] = Given(read_at(key.where, row.parse, text), text, key.where)
-    return made
-
-
+_Key = tuple[str, int, str, Place]  # option, frame, text and place
+_HEADER = "frame,focus,fnumber"
+_MAX_ROWS = 2**17 - 1  # a shot of 90 minutes
 _REMEDY = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
 
 
-def _animate_of(file: Path) -> Table:
-    tables = read_toml(file, what="file of keys", remedy=_REMEDY)
-    refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
-    if not tables:
-        raise InputError("empty", "has no table [animate]", _REMEDY, path=file)
-    return table_of(file, tables, "animate")
+def _collected(keys: Iterable[_Key]) -> dict[str, dict[int, Given]]:
+    """The keys by option, then by frame, ascending, with units added to plain numbers."""
+    every: dict[str, dict[int, Given]] = {}
+    for name, frame, text, where in keys:
+        refuse_unknown([name], tuple(LENS_OPTIONS), where, "a lens", "option")
+        row, same = LENS_OPTIONS[name], every.setdefault(name, {})
+        if frame in same:
+            problem = f"is another key of frame {frame}, like {same[frame].place}"
+            raise InputError("duplicate", problem, "remove one of them", path=where)
+        text = row.with_unit(text)
+        same[frame] = Given(read_at(where, row.parse, text), text, where)
+    return {name: dict(sorted(same.items())) for name, same in every.items()}
 
 
-def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
+def read_keys(file: Path) -> dict[str, dict[int, Given]]:
+    """The keys of a file by option, then by frame."""
+    if file.suffix.lower() == ".toml":
+        tables = read_toml(file, what="file of keys", remedy=_REMEDY)
+        refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
+        if not tables:
+            raise InputError("empty", "has no table [animate]", _REMEDY, path=file)
+        return _collected(_of_table(table_of(file, tables, "animate")))
+    if file.suffix.lower() != ".csv":
+        remedy = "give CSV with a header like frame,focus,fnumber, or TOML"
+        raise InputError("wrong-type", "is not a file of keys by its name", remedy, path=file)
+    if keys := _collected(_of_csv(file)):
+        return keys
+    raise InputError("empty", "has no key", f"begin it with a line like {_HEADER}", path=file)
+
+
+def _of_table(table: Table) -> Iterator[_Key]:
     """The keys of ``[animate]``: for each option a table of values by frame."""
-    every: dict[str, Mapping[int, Key]] = {}
     for name, frames in table.values.items():
         if name in keys_of(ANIMATION_OPTIONS):
             continue
@@ -138,11 +148,43 @@ def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
             problem = f"{frames!r:.40} is not a table of frames"
             raise UsageProblem("malformed", problem, remedy, path=table.place(name))
-        keys: dict[int, Key] = {}
         for text, value in frames.items():
-            key = Key(text_of(value), table.place(f"{name}: {text}"))
-            if keys.setdefault(frame := frame_of(text, table.place(name)), key) is not key:
-                problem = f"is another key of frame {frame}"
-                raise UsageProblem("duplicate", problem, "remove one of them", path=key.where)
-        every[name] = keys
-    return every
+            frame = _frame_of(text, table.place(name))
+            yield name, frame, text_of(value), table.place(f"{name}: {text}")
+
+
+def _of_csv(file: Path) -> Iterator[_Key]:
+    """The keys of a CSV file."""
+    for number, (place, row) in enumerate(read_rows(file, "file of keys", "", _HEADER, _columns)):
+        if number == _MAX_ROWS:
+            problem = f"has more than {_MAX_ROWS} keys"
+            raise InputError("too-large", problem, "cut it into shots", path=file)
+        values = dict(row)
+        frame = _frame_of(values.pop("frame", ""), place)
+        if {"x", "y"} & values.keys():
+            if "focus-at" in values:
+                problem, where = "stands beside x and y", place.with_field("focus-at")
+                raise InputError("contradiction", problem, "leave one of them out", path=where)
+            values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
+        for name, text in values.items():
+            yield name, frame, text, place.with_field(name)
+
+
+def _columns(cells: list[str], place: Place) -> list[str]:
+    """The options that the cells of a header name, x, y and frame."""
+    names = [cell.lower().replace("_", "-").replace(" ", "-") for cell in cells]
+    problem, remedy = "has no column named frame", f"begin it with a line like {_HEADER}"
+    if ("x" in names) != ("y" in names):
+        problem, remedy = "has only one of the columns x and y", "give both, the pixel of focus-at"
+    elif "frame" in names or (len(names) == 1 and ";" in names[0]):
+        return names
+    raise InputError("malformed", problem, remedy, path=place)
+
+
+def _frame_of(text: str, where: Place) -> int:
+    """The number of a frame."""
+    with suppress(ValueError, OverflowError):
+        if float(text) == round(float(text)):
+            return round(float(text))
+    remedy = "begin the line with a frame, like 1001"
+    raise InputError("malformed", f"'{text}' is not a frame", remedy, path=where)

@@ -15,7 +15,7 @@ from typing import Any
 
 from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.reading import PICTURES, XMP_BYTES, own_format
-from defocus_core.io.read_files import is_jpeg, missing, read_head
+from defocus_core.io.read_files import missing, read_head
 from defocus_core.io.shots.frame_patterns import (
     ALL,
     FrameChoice,
@@ -203,7 +203,8 @@ def _pair(
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
         if colors.kind == "file" and not holds_both(colors.path):
             problem = "holds no depth beside its colour"
-            if is_jpeg(head := read_head(colors.path, XMP_BYTES)) and PICTURES in head:
+            is_photo = colors.path.suffix.lower() in PHOTO_SUFFIXES
+            if is_photo and PICTURES in read_head(colors.path, XMP_BYTES):
                 problem += ": none of the further pictures in it says that it is depth"
             remedy = "give the depth file as a second argument"
             raise InputError("no-depth", problem, remedy, path=colors.path)

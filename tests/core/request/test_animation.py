@@ -5,7 +5,7 @@ import pytest
 from jobs_files import option
 from refusals import refuses
 
-from defocus_core.request.animation import read_animation
+from defocus_core.request.animation import read_animation, read_keys
 from defocus_core.request.job import PictureFiles
 from defocus_core.request.picture_lenses import PictureLenses
 
@@ -106,3 +106,17 @@ def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
             )
     with refuses("idle-option", field="animate"):
         PictureLenses(own, animation=shot).lens_of(PictureFiles("a", *[Path("a.exr")] * 2))
+
+
+def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path):
+    (tmp_path / "pull.csv").write_text(
+        "# a pull\nframe,focus,focal_length,x,y\n1001,1.2m,50mm,3,4\n1005,,55mm,5,6\n"
+    )
+    keys = read_keys(tmp_path / "pull.csv")
+    assert {n: {frame: key.text for frame, key in each.items()} for n, each in keys.items()} == {
+        "focus": {1001: "1.2m"},
+        "focal-length": {1001: "50mm", 1005: "55mm"},
+        "focus-at": {1001: "3,4", 1005: "5,6"},
+    }
+    with refuses("not-found", path=tmp_path / "none.csv"):
+        read_keys(tmp_path / "none.csv")

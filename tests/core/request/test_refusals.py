@@ -4,8 +4,7 @@ import pytest
 from jobs_files import FIXED, LENS, jobs, jobs_of, option, touch
 from refusals import refuses_as
 
-from defocus_core.io.shots.key_files import read_keys
-from defocus_core.request.animation import read_animation
+from defocus_core.request.animation import read_animation, read_keys
 from defocus_core.request.pairing import find_pictures
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import refuse_contradiction
