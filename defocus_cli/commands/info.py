@@ -13,13 +13,7 @@ from defocus_cli.options.shared import FilePath, GroupedCommand, json_option
 from defocus_cli.words import console
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
-from defocus_core.reports.inspection.inspection import (
-    inspect,
-    range_key,
-    range_words,
-    shot_line,
-    summarised,
-)
+from defocus_core.reports.inspection import inspect, range_key, range_words, shot_line, summarised
 from defocus_core.request.job import PictureFiles, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS

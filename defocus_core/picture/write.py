@@ -19,7 +19,6 @@ from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.write_files import link_or_copy, written_together
-from defocus_core.picture.grain import grain_of, grained
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, apply_steps
 from defocus_core.picture.take import Contents, Take, repair_words
@@ -296,6 +295,8 @@ def _of_any_lens(lens: LensValues) -> dict[str, str]:
 
 def add_noise(contents: Contents) -> Contents:
     """The rendered planes with sensor noise, except alpha."""
+    from defocus_core.picture.grain import grain_of, grained
+
     take, kind, channels = contents.take, contents.kind, contents.take.inputs.color.channels
     lens, job, planes = take.lens, take.job, []
     grain = grain_of(take) if isinstance(lens.noise, str) else None

@@ -126,7 +126,7 @@ def outcome(path):
     from defocus_cli.commands.info import file_lines
     from defocus_core import DefocusError
     from defocus_core.io.images.raster import read_pages, set_tag
-    from defocus_core.reports.inspection.inspection import inspect
+    from defocus_core.reports.inspection import inspect
     from defocus_core.request.job import Reading
 
     try:

@@ -27,7 +27,7 @@ def scene():
 def test_what_is_rendered_without_torch_is_what_torch_renders(options, left_right, monkeypatch):
     picture, lens = df.Picture(*scene()), df.Lens("50mm", 1.2, "2m", **options)
     views = df.render(picture, lens, left_right=left_right)
-    monkeypatch.setattr(plain_path, "views_alone", lambda take: None)
+    monkeypatch.setattr(plain_path, "_views_alone", lambda take: None)
     expected = df.render(picture, lens, left_right=left_right)
     for name in ("render", "trust", *(("left", "right") if left_right else ())):
         assert np.array_equal(getattr(views, name), getattr(expected, name))

@@ -1,10 +1,15 @@
-"""The contents of a file and how it would be read, for ``defocus info``."""
+"""The contents of a file and how it would be read, for ``defocus info``; the frames of a shot.
+
+A record: a report as plain values, for JSON. A line: a report in words. Evidence: signs of the
+format of a depth file whose format was not given, which do not change how it is read.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +20,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.array_files import has_frames
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
+from defocus_core.io.depth_formats.reading import OF_NUKE, DepthReading, own_format
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.deep_samples import DEPTH, read_deep_samples
 from defocus_core.io.exr.header import Header, is_exr
@@ -31,7 +37,6 @@ from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.radii import of_radii, radii_of, signed_radius
 from defocus_core.picture.scene import map_on
 from defocus_core.picture.take import InputPair, repair_record, repair_words
-from defocus_core.reports.inspection.evidence import evidence_of
 from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.lens import LensValues, lens_record
 from defocus_core.request.output_kinds import KINDS
@@ -293,3 +298,32 @@ def range_words(depth: Mapping[str, Any]) -> str:
         if depth[key]:
             return " to ".join(f"{end:.6g}{unit}" for end in depth[key])
     return "no finite depth"
+
+
+# Names of channels and arrays that only one format has.
+_TELLING_NAMES = {
+    "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
+    "coc": ("coc",),
+    "houdini": ("Pz", "*.Pz"),
+    "hypersim": ("dataset",),
+    "nyu-mat": ("rawDepths",),
+    "vision-blender": ("depth_map",),
+}
+
+
+def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> Iterator[str]:
+    """Sentences on the formats that a depth file could have."""
+    if reading.depth_format is not None:
+        return
+    names = [name.split(" ")[0] for name in info.names]
+    for name, patterns in _TELLING_NAMES.items():
+        hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
+        if hits:
+            yield f"{hits[-1]}: {name}; say ‹depth-format› {name}"
+    own = own_format(path)
+    if own == "android-gdepth":
+        yield "GDepth in its XMP: android-gdepth; say ‹depth-format› android-gdepth"
+    elif own == "apple-heic":
+        yield "a depth image beside the picture: apple-heic; say ‹depth-format› apple-heic"
+    elif any(name.startswith(OF_NUKE) for part in info.parts for name in part.attributes):
+        yield "Nuke wrote it, whose ScanlineRender writes 1/z; say ‹depth-format› nuke-scanline"
