@@ -17,7 +17,6 @@ import threading
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_core.errors import InputError, TooLarge
@@ -122,7 +121,12 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
         if any(part.deep for part in parts):
             # the picture in focus in floats; of each layer its channels, metres and radius; and
             # samples as they are decoded and sorted: their channels twice, place, order and rank
-            layers, samples = _layers_of(path)
+            from defocus_core.io.exr.deep_layers import MAX_LAYERS
+            from defocus_core.io.exr.deep_samples import count_samples
+
+            counts = [count_samples(path, header) for header in read_headers(path) if header.deep]
+            layers = min(MAX_LAYERS, max(most for most, _ in counts))
+            samples = max(every for _, every in counts)
             held = samples / info.pixels * _FLOAT * (2 * len(channels) + 6)
             native = _FLOAT * len(channels) + layers * (native + 2 * _FLOAT) + held
         if not is_part:
@@ -132,15 +136,6 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
             pixels, count = info.pixels, min(len(channels), 4) + light
             arrays = (native if is_part else _FLOAT * count) + _FLOAT
     return pixels, arrays, whole if pixels else 0.0, count
-
-
-def _layers_of(path: Path) -> tuple[int, int]:
-    """The number of layers of a deep EXR, and of the samples of a part."""
-    from defocus_core.io.exr.deep_layers import MAX_LAYERS
-    from defocus_core.io.exr.deep_samples import count_samples
-
-    counts = [count_samples(path, header) for header in read_headers(path) if header.deep]
-    return min(MAX_LAYERS, max(most for most, _ in counts)), max(every for _, every in counts)
 
 
 def image_type(job: Job) -> str:

@@ -200,7 +200,7 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
             "check ‹depth-format› coc",
         )
     elif not depth.is_radius and not -least <= _MAX_PX:
-        nearest = float(depth.present.min())
+        nearest, _ = depth.ends or (0.0, 0.0)
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-least:.2g} px"
     elif not depth.is_radius and not greatest <= _FARTHEST_PX:
         problem = f"is blurred by {greatest:.2g} px: focus is hardly beyond the focal length"

@@ -13,7 +13,6 @@ from defocus_core.io.arrays import sample_plane
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
-from defocus_core.io.images.describe import describe
 from defocus_core.picture.opening import aperture_in_pixels
 from defocus_core.request.job import Job, PictureFiles, Reading
 from defocus_core.request.lens import LensValues
@@ -65,11 +64,6 @@ class InputPair:
         """The picture of a job."""
         whole = job.outputs.keep_overscan
         return cls(job.picture, job.reading, job.lens_focal, whole=whole)
-
-    @property
-    def has_overscan(self) -> bool:
-        """Whether the colour has overscan."""
-        return not all(p.display.covers(p.data) for p in describe(self.picture.color).parts)
 
     @property
     def color(self) -> Color:
@@ -153,11 +147,6 @@ class Take:
     def size(self) -> tuple[int, int]:
         """(width, height) of the displayed picture, in px."""
         return self.inputs.depth.size
-
-    @property
-    def metres(self) -> Any:
-        """Planar depth in metres [H, W]; None if the file holds radii."""
-        return None if self.inputs.depth.is_radius else self.inputs.depth.metres
 
     @cached_property
     def longer_axis(self) -> float:

@@ -86,7 +86,7 @@ _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
         tuple(take.inputs.color.planes[: len(take.inputs.color.channels)]),
         {},
     ),
-    "depth": lambda take, kind: (("Z",), (take.metres,), {}),
+    "depth": lambda take, kind: (("Z",), (take.inputs.depth.metres,), {}),
 }
 
 

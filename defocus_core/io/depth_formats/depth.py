@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import count_of
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
-from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthNumbers, DepthReading, own_format
+from defocus_core.io.depth_formats.reading import (
+    AS_IT_IS,
+    OF_NUKE,
+    DepthNumbers,
+    DepthReading,
+    own_format,
+)
 from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, ends_in_hole, is_sky, resolved
 from defocus_core.io.depth_formats.table import NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr
@@ -90,17 +96,6 @@ class Depth:
         """(width, height) of the picture shown, in px."""
         rows, columns = self.overscan.shown(*self.metres.shape)
         return columns.stop - columns.start, rows.stop - rows.start
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the numbers are absolute radii in px, not depth."""
-        return self.is_radius and not self.is_relative
-
-    @property
-    def present(self) -> NDArray[np.float32]:
-        """The depths [n] of pixels that are not empty."""
-        whole: NDArray[np.float32] = self.metres
-        return whole.ravel() if self.empty is None else whole[~self.empty]
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -198,7 +193,8 @@ def depth_of(
         is_relative=reading.relative,
         inverted=bool(reading.invert),
     )
-    if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
+    is_of_nuke = any(name.startswith(OF_NUKE) for name in samples.metadata)
+    if is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
         told.append(f"{problem}; say ‹depth-format› nuke-scanline, or metres")
     depth = replace(depth, warnings=tuple(f"{path.name}: {words}" for words in told))

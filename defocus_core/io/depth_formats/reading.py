@@ -203,11 +203,6 @@ class DepthNumbers:
         return float(np.iinfo(dtype).max if self.greatest is None else self.greatest)
 
     @property
-    def is_of_nuke(self) -> bool:
-        """Whether the header says that Nuke wrote it."""
-        return any(name.startswith(OF_NUKE) for name in self.metadata)
-
-    @property
     def is_half(self) -> bool:
         """Whether the numbers are floats of 16 bits."""
         return bool(np.dtype(self.values.dtype).newbyteorder("=") == np.float16)

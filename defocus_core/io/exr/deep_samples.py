@@ -68,7 +68,11 @@ def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_C
     try:
         with path.open("rb") as file:
             part, chunks = _layout(file, header)
-            _check_promise(path, part, chunks)
+            promised, size = sum(chunk.unpacked for chunk in chunks), path.stat().st_size
+            if promised > max(_ANY, _RATIO * size):  # before anything is allocated for them
+                problem = f"promises {promised // part.sample_bytes} deep samples in {size} bytes"
+                remedy = "flatten it, or write it again"
+                raise InputError("too-large", problem, remedy, path=path)
             yield file, part, chunks
     except (OSError, ValueError, KeyError, struct.error, zlib.error) as error:
         raise damaged(path, str(error)) from error
@@ -109,15 +113,6 @@ def _layout(file: BinaryIO, header: Header) -> tuple[_Part, list[_Chunk]]:
             raise ValueError("it ends early")
         chunks.append(_Chunk(row * tile[1], column * tile[0], at, table, packed, unpacked))
     return _Part(data, tile, compression, channels, sample_bytes), chunks
-
-
-def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
-    """Refuse samples that the file can hardly hold, before anything is allocated for them."""
-    promised, size = sum(chunk.unpacked for chunk in chunks), path.stat().st_size
-    if promised > max(_ANY, _RATIO * size):
-        problem = f"promises {promised // part.sample_bytes} deep samples in {size} bytes"
-        remedy = "flatten it, or write it again"
-        raise InputError("too-large", problem, remedy, path=path)
 
 
 def _unsorted(

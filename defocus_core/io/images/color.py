@@ -206,16 +206,14 @@ def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
 
 def require_finite(color: Color) -> None:
     """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`."""
-    count, first = count_beyond(color, BRIGHTEST)
-    if not count:
-        return
-    infinite, first_infinite = count_beyond(color, LARGEST_FLOAT)
-    if infinite:
-        problem = f"is NaN or infinite in {counted(infinite, 'pixel')}, the first at"
-        remedy = "render or save it again with finite values"
-        raise InputError("not-finite", f"{problem} {first_infinite}", remedy, path=color.path)
-    problem = f"is beyond ±{BRIGHTEST:g} in {counted(count, 'pixel')}, the first at {first}"
-    raise InputError("out-of-range", problem, "scale it: light has no unit here", path=color.path)
+    for code, most, what, remedy in (
+        ("not-finite", LARGEST_FLOAT, "NaN or infinite", "render or save it again"),
+        ("out-of-range", BRIGHTEST, f"beyond ±{BRIGHTEST:g}", "scale it: light has no unit here"),
+    ):
+        count, first = count_beyond(color, most)
+        if count:
+            problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
+            raise InputError(code, problem, remedy, path=color.path)
 
 
 def _from_raster(path: Path, raster: Raster) -> Color:

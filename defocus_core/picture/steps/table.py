@@ -39,6 +39,16 @@ def apply_steps(steps: tuple[Step[T], ...], subject: T) -> T:
     return subject
 
 
+def _has_overscan(pair: InputPair) -> bool:
+    """Whether the colour has pixels beyond its display window."""
+    return not all(p.display.covers(p.data) for p in describe(pair.picture.color).parts)
+
+
+def _may_doubt(take: Take) -> bool:
+    """Whether the depth is no file of radii in px, of which no distance is taken for another."""
+    return take.inputs.depth.is_relative or not take.inputs.depth.is_radius
+
+
 def _is_deep(take: Take) -> bool:
     """Whether rendered samples lie behind each other, in its files or a holdout."""
     picture = take.job.picture
@@ -88,7 +98,7 @@ def _may_end(contents: Contents) -> bool:
 # Files before decoding: an element has the overscan of its plate.
 WINDOW: tuple[Step[InputPair], ...] = (
     Step("steps.companions:window_of_plate", lambda p: p.picture.over),
-    Step("pair:read_overscan", lambda p: p.has_overscan),
+    Step("pair:read_overscan", _has_overscan),
 )
 # Decoded files: depth gets the size of the colour, and is empty where an element is.
 PAIR: tuple[Step[InputPair], ...] = (
@@ -113,7 +123,7 @@ LENS: tuple[Step[Take], ...] = (
 # Radii: those of a plate stand where its element is empty, and frames repair depth together.
 RADII: tuple[Step[Take], ...] = (
     Step("steps.companions:radii_of_both", lambda t: t.inputs.plate),
-    Step("radii:doubt_depth", lambda t: not t.inputs.depth.is_exact),
+    Step("radii:doubt_depth", _may_doubt),
     Step("steps.shot:radii", _frames_repair),
 )
 # The scene; layers have their own coverage, and deep pixels need no repair.
