@@ -39,7 +39,6 @@ class DepthRule(NamedTuple):
     options: tuple[str, ...]  # those that mean something by it, beside what the row takes
     # The row with scale, shift and words, by what the user says
     complete: Callable[[DepthReading, DepthFormat, DepthNumbers], DepthFormat]
-    depth: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # of scaled numbers
 
 
 def resolved(
@@ -65,7 +64,13 @@ def resolved(
         row = replace(row, scale=scale, shift=shift, words=f"{row.name}, {row.words}")
     else:
         row = RULES[row.rule].complete(reading, row, samples)
-    row = replace(row, sky=_sky(reading, row, samples))
+    sky = reading.sky
+    if sky is None and RULES[row.rule].holds == "disparity":
+        sky = -math.inf if row.scale >= 0 else math.inf
+    elif sky is None:  # from it on, towards the far end
+        sky = min(row.sky, HALF_MAX) if samples.is_half else row.sky
+        sky = -sky if row.scale < 0 else sky
+    row = replace(row, sky=sky)
     if reading.invalid_value is not None:
         row = replace(row, invalid=(*row.invalid, reading.invalid_value))
     focal = None if row.rule == "radius" else _focal(reading, row, samples, lens_focal)
@@ -218,16 +223,6 @@ def _per_metre(reading: DepthReading, row: DepthFormat, _: DepthNumbers) -> Dept
     return replace(row, scale=scale / UNITS[reading.depth_unit or "m"], words=f"{row.name}, 1 / z")
 
 
-def _sky(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> float:
-    """The number from which on, towards the far end, the numbers of a file are sky."""
-    if reading.sky is not None:
-        return reading.sky
-    if RULES[row.rule].holds == "disparity":
-        return -math.inf if row.scale >= 0 else math.inf
-    sky = min(row.sky, HALF_MAX) if samples.is_half else row.sky
-    return -sky if row.scale < 0 else sky
-
-
 def _focal(
     reading: DepthReading, row: DepthFormat, samples: DepthNumbers, lens_focal: float | None
 ) -> float | None:
@@ -266,24 +261,14 @@ def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
     return (at_top - at_zero) / top, at_zero
 
 
-def _same(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-    return scaled
-
-
-def _inverted(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth from disparity; negative disparity, of no point before both cameras, is invalid."""
-    with np.errstate(divide="ignore"):
-        return np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
-
-
 RULES = {
-    "scale": DepthRule("depth", ("depth-scale",), _by_unit, _same),
+    "scale": DepthRule("depth", ("depth-scale",), _by_unit),
     "inverse": DepthRule(
-        "disparity", ("depth-scale", "baseline", "doffs", "focal-px"), _by_cameras, _inverted
+        "disparity", ("depth-scale", "baseline", "doffs", "focal-px"), _by_cameras
     ),
-    "per-metre": DepthRule("disparity", ("depth-scale",), _per_metre, _inverted),
+    "per-metre": DepthRule("disparity", ("depth-scale",), _per_metre),
     "radius": DepthRule(
-        "radii", (), lambda _, row, __: replace(row, words="signed CoC radius in px"), _same
+        "radii", (), lambda _, row, __: replace(row, words="signed CoC radius in px")
     ),
 }
 
@@ -292,8 +277,15 @@ def decoded(
     numbers: NDArray[Any], row: DepthFormat, overscan: Overscan = NO_OVERSCAN
 ) -> NDArray[np.float32]:
     """Planar metres [H, W] by a completed row: +inf is sky; NaN, 0 and less are invalid."""
-    with np.errstate(over="ignore"):  # a double beyond float32 is sky
-        metres = _metres(numbers, row)
+    is_disparity = RULES[row.rule].holds == "disparity"
+    with np.errstate(over="ignore", divide="ignore"):  # a double beyond float32 is sky
+        if is_disparity or (row.scale, row.shift) != (1, 0):
+            scaled = numbers.astype(np.float64) * row.scale + row.shift
+            if is_disparity:  # a negative one, of no point before both cameras, is invalid
+                scaled = np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
+            metres = scaled.astype(np.float32)
+        else:
+            metres = numbers.astype(np.float32, copy=False)
     if row.geometry == "radial":
         assert row.focal_px is not None
         cosine = _cosine(metres.shape, row.focal_px, overscan.shown(*metres.shape[:2]))
@@ -327,16 +319,6 @@ def ends_in_hole(reading: DepthReading, row: DepthFormat, samples: DepthNumbers)
         return False
     others = values[values != top]
     return others.size < values.size and int(others.max(initial=0)) < _APART * top
-
-
-def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
-    depth = RULES[row.rule].depth
-    if depth is _same and (row.scale, row.shift) == (1, 0):
-        return numbers.astype(np.float32, copy=False)
-    scaled: NDArray[np.float64] = numbers.astype(np.float64) * row.scale
-    if row.shift:
-        scaled += row.shift
-    return depth(scaled).astype(np.float32)
 
 
 def _cosine(

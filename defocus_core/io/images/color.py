@@ -207,7 +207,10 @@ def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
 def require_finite(color: Color) -> None:
     """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`."""
     for code, most, what, remedy in (
-        ("not-finite", LARGEST_FLOAT, "NaN or infinite", "render or save it again"),
+        (
+            *("not-finite", LARGEST_FLOAT, "NaN or infinite"),
+            "render or save it again with finite values",
+        ),
         ("out-of-range", BRIGHTEST, f"beyond ±{BRIGHTEST:g}", "scale it: light has no unit here"),
     ):
         count, first = count_beyond(color, most)
