@@ -255,6 +255,5 @@ def _bounded(field: str, value: float | None, end: float = math.inf) -> float | 
     if value is None or 0 < value < end:
         return value
     wanted = "positive and finite" if end == math.inf else f"above 0 and below {end:g}"
-    raise UsageProblem(
-        "out-of-range", f"{value:g} is not {wanted}", "give such a number", field=field
-    )
+    remedy = "give such a number"
+    raise UsageProblem("out-of-range", f"{value:g} is not {wanted}", remedy, field=field)

@@ -61,12 +61,9 @@ def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[s
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.with_field("focus-at")
     if not (0 <= x < width and 0 <= y < height):
-        raise UsageProblem(
-            "out-of-range",
-            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
-            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
-            path=option,
-        )
+        problem = f"{x},{y} lies outside {depth.path} of {width}x{height} px"
+        remedy = f"give X from 0 to {width - 1} and Y from 0 to {height - 1}"
+        raise UsageProblem("out-of-range", problem, remedy, path=option)
     row, column = y + depth.overscan.top, x + depth.overscan.left
     place = slice(row, row + 1), slice(column, column + 1)
     if depth.empty is not None and depth.empty[place].any():

@@ -113,9 +113,8 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
         return sensitivities(left, right)
     except ValueError as error:
         problem = f"holds no kernels of two photodiodes: {reason(error)}"
-        raise InputError(
-            "malformed", problem, "measure both of a point beyond the focus", path=path
-        ) from None
+        remedy = "measure both of a point beyond the focus"
+        raise InputError("malformed", problem, remedy, path=path) from None
 
 
 @once
@@ -143,9 +142,8 @@ def pupil_image(path: Path) -> PupilImage:
         return PupilImage(torch.from_numpy(light.mean(axis=0)))
     except ValueError as error:
         problem = f"is not a picture of a pupil: {reason(error)}"
-        raise InputError(
-            "malformed", problem, "give a picture that is bright where it is open", path=path
-        ) from None
+        remedy = "give a picture that is bright where it is open"
+        raise InputError("malformed", problem, remedy, path=path) from None
 
 
 def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
@@ -165,13 +163,11 @@ def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
     from defocus_core.io.images.encode import write_samples
 
     if path.suffix.lower() not in (".png", ".exr"):
-        raise InputError(
-            "malformed", "is neither PNG nor EXR", "end its name in .png or .exr", path=path
-        )
+        remedy = "end its name in .png or .exr"
+        raise InputError("malformed", "is neither PNG nor EXR", remedy, path=path)
     if abs(radius) > _MAX_RADIUS:
-        raise UsageProblem(
-            "out-of-range", f"is beyond {_MAX_RADIUS} px", "give a smaller one", field="radius"
-        )
+        remedy = "give a smaller one"
+        raise UsageProblem("out-of-range", f"is beyond {_MAX_RADIUS} px", remedy, field="radius")
     pupil = aperture_of(lens)
     r = torch.tensor(radius, dtype=torch.float64)
     pixel = dual_pixel_of(lens)

@@ -95,15 +95,13 @@ def _decode(wanted: InputPair) -> InputPair:
     radial = (reading.geometry or reading.row.geometry) == "radial"
     if radial and color.pixel_aspect != 1:
         problem = "holds distances to the point, and the pixels of the colour are not square"
-        raise InputError(
-            "not-square", problem, "convert it to depth along the axis", path=picture.depth
-        )
+        remedy = "convert it to depth along the axis"
+        raise InputError("not-square", problem, remedy, path=picture.depth)
     lone = len(color.channels) == 1 and not color.extras and depth.channel != ""
     if shared and (lone or depth.channel in color.channels):
         problem = f"has {depth.channel} alone, which is not both colour and depth"
-        raise InputError(
-            "no-depth", problem, "give the depth file as a second argument", path=picture.color
-        )
+        remedy = "give the depth file as a second argument"
+        raise InputError("no-depth", problem, remedy, path=picture.color)
     return replace(wanted, planes=(color, depth))
 
 

@@ -192,9 +192,8 @@ def choose_device(name: str) -> str:
 
         available = torch.cuda.is_available()
     if name == "cuda" and not available:
-        raise UsageProblem(
-            "no-gpu", "PyTorch finds no CUDA GPU here", "use ‹device› cpu or auto", field="device"
-        )
+        remedy = "use ‹device› cpu or auto"
+        raise UsageProblem("no-gpu", "PyTorch finds no CUDA GPU here", remedy, field="device")
     return "cuda" if available else "cpu"
 
 

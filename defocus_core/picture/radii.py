@@ -167,9 +167,8 @@ def thin_lens_of(lens: LensValues, size: tuple[int, int]) -> ThinLens:
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
         option = lens.focus_source.with_field("focus")
-        raise UsageProblem(
-            "out-of-range", reason(error), "check the lens options", path=option
-        ) from error
+        remedy = "check the lens options"
+        raise UsageProblem("out-of-range", reason(error), remedy, path=option) from error
     return thin_lens
 
 
@@ -183,9 +182,8 @@ def _refuse_infinite(
         problem = f"has a depth of {nearest:.3g} m, which is blurred beyond all numbers"
         raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=path)
     problem = f"f/{fnum:g} blurs beyond all numbers in this picture"
-    raise UsageProblem(
-        "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"
-    )
+    remedy = "check the lens options and the depth's unit"
+    raise UsageProblem("out-of-range", problem, remedy, field="fnumber")
 
 
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:

@@ -232,9 +232,8 @@ def _from_tables(table: Table) -> list[Entry]:
     tables = table.values["pictures"]
     if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
-        raise UsageProblem(
-            "malformed", "is not a list of tables", remedy, path=table.place("pictures")
-        )
+        problem = "is not a list of tables"
+        raise UsageProblem("malformed", problem, remedy, path=table.place("pictures"))
     places = (Place(table.file, f"[[inputs.pictures]] {number}") for number in count(1))
     return _from_rows(zip(places, tables, strict=False), table.file)
 
@@ -248,9 +247,8 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
         first = entries[0]
         remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
-        raise InputError(
-            "not-found", f"{first.picture.color}: no such file", remedy, path=first.where
-        )
+        problem = f"{first.picture.color}: no such file"
+        raise InputError("not-found", problem, remedy, path=first.where)
     return entries
 
 
@@ -267,12 +265,8 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
         raise InputError("empty", "has no color", "give it the path of a colour file", path=where)
     color = paths["color"]
     if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
-        raise InputError(
-            "empty",
-            "has no depth, and its color is not an EXR that holds both",
-            "give depth",
-            path=where,
-        )
+        problem = "has no depth, and its color is not an EXR that holds both"
+        raise InputError("empty", problem, "give depth", path=where)
     others: dict[str, Any] = {
         role: PictureFiles(other.stem, other, depth or other)
         for role, (other, depth) in others_of(paths, where).items()
@@ -293,7 +287,6 @@ def _stem(value: object, where: Place) -> str:
     odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
     if odd or not isinstance(value, str | int):
         remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
-        raise InputError(
-            "malformed", f"{value!r} cannot name a file", remedy, path=where, field="stem"
-        )
+        problem = f"{value!r} cannot name a file"
+        raise InputError("malformed", problem, remedy, path=where, field="stem")
     return stem

@@ -85,9 +85,8 @@ def find(
         return _shot(color, depth, others, patterns_in or Path(), frames)
     if frames.numbers is not None:
         problem = "chooses frames, but no path numbers them"
-        raise UsageProblem(
-            "idle-option", problem, "give patterns like 'shot.####.exr'", path=frames.source
-        )
+        remedy = "give patterns like 'shot.####.exr'"
+        raise UsageProblem("idle-option", problem, remedy, path=frames.source)
     if depth is not None:
         _refuse_frames(color, depth)
     with_text = patterns_in is not None and all(
@@ -159,12 +158,9 @@ def _shot(
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
     """The wanted frames of patterns, with a note on incomplete ones, and all frames."""
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
-        raise InputError(
-            "missing-frames",
-            "holds no depth beside its colour",
-            "give the depth frames as a second argument",
-            path=root / color,
-        )
+        problem = "holds no depth beside its colour"
+        remedy = "give the depth frames as a second argument"
+        raise InputError("missing-frames", problem, remedy, path=root / color)
     paths = {"color": root / color, "depth": root / (depth or color)}
     for role, (other_color, other_depth) in others.items():
         paths[f"{role}_color"] = root / other_color
@@ -266,9 +262,8 @@ def _check_paired(files: _Files, others: _Files, *, skips: bool) -> None:
     if files.kind != others.kind:
         many, one = sorted((files, others), key=lambda each: each.kind == "file")
         problem = f"is a {many.kind} but {one.path} is a {one.kind}"
-        raise InputError(
-            "wrong-type", problem, "give files, or directories, or patterns alone", path=many.path
-        )
+        remedy = "give files, or directories, or patterns alone"
+        raise InputError("wrong-type", problem, remedy, path=many.path)
     lone = [name for name in files.by_name if name not in others.by_name]
     if lone:
         more = f", and none for {len(lone) - 1} more" if len(lone) > 1 else ""

@@ -220,7 +220,6 @@ class PictureLenses:
             return {}
         if picture.frame is None:
             problem = f"moves the lens, but {picture.color} has no frame number"
-            raise UsageProblem(
-                "idle-option", problem, "give patterns like 'shot.####.exr'", field="animate"
-            )
+            remedy = "give patterns like 'shot.####.exr'"
+            raise UsageProblem("idle-option", problem, remedy, field="animate")
         return self.animation.options_at(picture.frame)

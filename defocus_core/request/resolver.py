@@ -117,9 +117,8 @@ def given(name: str, value: object, place: Place) -> Given:
         problem, remedy = f"{text.lower()} is not a value of this option", "see 'defocus help'"
         raise UsageProblem("malformed", problem, remedy, path=place)
     elif row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
-        raise UsageProblem(
-            "malformed", f"{value!r} is not a text", "write it in quotes", path=place
-        )
+        remedy = "write it in quotes"
+        raise UsageProblem("malformed", f"{value!r} is not a text", remedy, path=place)
     found = parsed(name, text, place)
     if isinstance(found.value, Path) and isinstance(place.path, Path):
         file = place.path.parent / text

@@ -113,9 +113,8 @@ def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
             continue
         if not SPLIT_NAME.fullmatch(name):
             problem = "cannot be the name of a split"
-            raise UsageProblem(
-                "malformed", problem, "use letters, digits and _", path=section.place(name)
-            )
+            remedy = "use letters, digits and _"
+            raise UsageProblem("malformed", problem, remedy, path=section.place(name))
         is_count = type(value) is int and value >= 1
         if not is_count and not (isinstance(value, float) and 0 < value <= 1):
             problem = f"{value!r} is not a share above 0, up to 1, nor a number of scenes"
@@ -127,7 +126,6 @@ def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
             fractions[name] = float(value)
     if fractions and abs(sum(fractions.values()) - 1) > _ROUNDING:
         problem = f"has shares that add up to {sum(fractions.values()):g}"
-        raise UsageProblem(
-            "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
-        )
+        remedy = "let them add up to 1"
+        raise UsageProblem("malformed", problem, remedy, path=section.file, field="[split]")
     return fractions, counts

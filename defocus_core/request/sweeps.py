@@ -58,18 +58,16 @@ def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> dict[str, Layer]:
             twice = next((name for name in part if name in options), None)
             if twice is not None:
                 problem = "is in lenses, too"
-                raise UsageProblem(
-                    "contradiction", problem, "sweep it in one place", path=table.place(twice)
-                )
+                remedy = "sweep it in one place"
+                raise UsageProblem("contradiction", problem, remedy, path=table.place(twice))
             options |= part
         refuse_contradiction(options)
         named = (row for name, row in LENS_OPTIONS.items() if name in options)
         suffix = "".join(f"_{row.file_tag(options[row.name].value)}" for row in named)
         if suffix in points:
             problem = f"has two lenses named '{suffix[1:]}'"
-            raise UsageProblem(
-                "contradiction", problem, "remove one of them", path=table.file, field="[sweep]"
-            )
+            remedy = "remove one of them"
+            raise UsageProblem("contradiction", problem, remedy, path=table.file, field="[sweep]")
         points[suffix] = options
     return points
 
@@ -132,9 +130,8 @@ def _range(name: str, text: str, where: Place) -> list[Given]:
 def _end(name: str, text: str, where: Place) -> float:
     value: Any = read_at(where, value_of, name, text)
     if isinstance(value, Percentile | tuple | Path | str):
-        raise UsageProblem(
-            "malformed", f"'{text}' is not an end of a range", "write a list of values", path=where
-        )
+        remedy = "write a list of values"
+        raise UsageProblem("malformed", f"'{text}' is not an end of a range", remedy, path=where)
     return float(value)
 
 
@@ -149,9 +146,8 @@ def read_sampling(table: Table) -> Sampling:
     count, seed = table.parsed("n", whole_within(1)), table.parsed("seed", whole)
     if count is None or seed is None:
         key = "n" if count is None else "seed"
-        raise UsageProblem(
-            "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
-        )
+        remedy = f"write {key} = 7 below [sample]"
+        raise UsageProblem("missing-option", "is missing", remedy, path=table.place(key))
     texts = {name: text_of(table.values[name]) for name in table.values if name in LENS_OPTIONS}
     options = {
         name: Given(read_at(table.place(name), distribution, name, text), text, table.place(name))
@@ -164,7 +160,6 @@ def read_sampling(table: Table) -> Sampling:
             raise UsageProblem("malformed", f"'{text}' is not a distribution", remedy, path=place)
     if not options:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
-        raise UsageProblem(
-            "idle-option", "draws no option of the lens", remedy, path=table.file, field="[sample]"
-        )
+        problem = "draws no option of the lens"
+        raise UsageProblem("idle-option", problem, remedy, path=table.file, field="[sample]")
     return Sampling(count, seed, options)

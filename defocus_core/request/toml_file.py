@@ -34,9 +34,8 @@ def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str,
     try:
         return loads(text)
     except (ValueError, RecursionError) as error:  # ValueError for a number of 5000 digits
-        raise InputError(
-            "malformed", f"is not TOML: {reason(error)}", "mend that line", path=file
-        ) from None
+        remedy = "mend that line"
+        raise InputError("malformed", f"is not TOML: {reason(error)}", remedy, path=file) from None
 
 
 def loads(text: str) -> dict[str, Any]:
@@ -71,9 +70,8 @@ class Table:
         if value is None:
             return None
         if not isinstance(value, str) or not value or "\0" in value:
-            raise UsageProblem(
-                "malformed", f"{value!r} is not a text", "write it in quotes", path=self.place(key)
-            )
+            problem = f"{value!r} is not a text"
+            raise UsageProblem("malformed", problem, "write it in quotes", path=self.place(key))
         return value
 
     def texts(self, key: str) -> list[str]:

@@ -48,9 +48,8 @@ def read_plate(take: Take) -> Take:
     """The element with its plate."""
     picture, inputs = take.job.picture, take.inputs
     if picture.hidden is not None:
-        raise UsageProblem(
-            "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
-        )
+        remedy = "the plate is what lies behind"
+        raise UsageProblem("contradiction", "stands beside ‹over›", remedy, field="hidden")
     wanted = _wanted(InputPair.from_job(take.job))
     plate = _plate(replace(wanted, limit=inputs.color.overscan, whole=True))
     warnings = *inputs.warnings, *plate.depth.warnings, *_doubts(inputs.color, plate.color)
@@ -106,9 +105,8 @@ def _doubts(element: Color, plate: Color) -> Iterator[str]:
     path, alpha = plate.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
-        raise InputError(
-            "idle-option", problem, "give an element, or leave ‹over› out", path=element.path
-        )
+        remedy = "give an element, or leave ‹over› out"
+        raise InputError("idle-option", problem, remedy, path=element.path)
     sizes = [f"{w}x{h} px" for h, w, _ in (element.shape, plate.shape)]
     if sizes[0] != sizes[1]:
         problem = f"is {sizes[1]} but the element is {sizes[0]}"

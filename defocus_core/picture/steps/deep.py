@@ -90,9 +90,8 @@ def read_deep(pair: InputPair, header: Header) -> Layers:
     picture, color = pair.picture, pair.color
     if picture.depth != picture.color or pair.depth.channel != DEPTH:
         problem = "is deep: its samples have a depth of their own, channel Z"
-        raise InputError(
-            "deep-data", problem, "leave the depth file and ‹depth-channel› out", path=picture.color
-        )
+        remedy = "leave the depth file and ‹depth-channel› out"
+        raise InputError("deep-data", problem, remedy, path=picture.color)
     names = {channel.plain: channel.name for channel in header.channels}
     sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
     return _read_samples(pair, header, sources)
@@ -124,7 +123,6 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     count, first = count_of(depth.invalid)
     if count:
         problem = f"is NaN or ≤ 0 in {counted(count, 'sample')}, the first in pixel {first}"
-        raise InputError(
-            "not-finite", problem, "write inf for sky, and leave other samples out", path=like.path
-        )
+        remedy = "write inf for sky, and leave other samples out"
+        raise InputError("not-finite", problem, remedy, path=like.path)
     return depth
