@@ -257,7 +257,12 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         "color_read_as": take.color_note,
         "depth_read_as": take.depth_words(rendered=bool(kind.rendered)),
         **_repair(take, kind),
-        **_of_any_lens(lens),
+        **{
+            # fields of every lens, without those that decide radii if a file holds them
+            row.name.replace("-", "_"): "" if x is None else row.shown(x, 9) + row.optional_unit
+            for row, x in ((row, getattr(lens, row.field)) for row in RECORDED.values())
+            if not (row.is_optics and lens.is_shape)
+        },
         **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in take.limits),
         "quality": job.machine.quality,
@@ -281,16 +286,6 @@ def _repair(take: Take, kind: Kind) -> dict[str, str]:
         "depth_repair": repair_words(take.repair),
     }
     return {name: value for name, value in values.items() if value}
-
-
-def _of_any_lens(lens: LensValues) -> dict[str, str]:
-    """The fields of every lens, without those that decide radii if a file holds them."""
-    values = {row: getattr(lens, row.field) for row in RECORDED.values()}
-    return {
-        row.name.replace("-", "_"): "" if value is None else row.shown(value, 9) + row.optional_unit
-        for row, value in values.items()
-        if not (row.is_optics and lens.is_shape)
-    }
 
 
 def add_noise(contents: Contents) -> Contents:

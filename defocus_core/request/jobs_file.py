@@ -271,7 +271,12 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
         role: PictureFiles(other.stem, other, depth or other)
         for role, (other, depth) in others_of(paths, where).items()
     }
-    stem = _stem(row["stem"], where) if "stem" in row else color.stem
+    stem = str(row.get("stem", color.stem))
+    odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
+    if "stem" in row and (odd or not isinstance(row["stem"], str | int)):
+        problem = f"{row['stem']!r} cannot name a file"
+        remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
+        raise InputError("malformed", problem, remedy, path=where, field="stem")
     return Entry(PictureFiles(stem, color, paths.get("depth", color), **others), where, options)
 
 
@@ -280,13 +285,3 @@ def _path(value: object, where: Place, key: str) -> str:
         problem, remedy = f"{value!r} is not a path", "write it in quotes"
         raise InputError("malformed", problem, remedy, path=where.with_field(key))
     return value
-
-
-def _stem(value: object, where: Place) -> str:
-    stem = str(value)
-    odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
-    if odd or not isinstance(value, str | int):
-        remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
-        problem = f"{value!r} cannot name a file"
-        raise InputError("malformed", problem, remedy, path=where, field="stem")
-    return stem

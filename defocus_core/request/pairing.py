@@ -185,22 +185,17 @@ def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "
     return PictureFiles(files["color"][number].stem, color, depth, **others, frame=number)
 
 
-def holds_both(path: Path) -> bool:
-    """Whether a file type can hold colour and depth: an EXR, or a phone's photograph."""
-    suffix = path.suffix.lower()
-    return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and own_format(path) != "")
-
-
 def _pair(
     color: Path, depth: Path | None, root: Path | None, with_text: bool, *, skips: bool
 ) -> tuple[_Files, dict[str, PictureFiles]]:
     """The files of a colour path, and the picture of each name."""
     if depth is None:
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
-        if colors.kind == "file" and not holds_both(colors.path):
+        suffix = colors.path.suffix.lower()
+        own = suffix in OWN_DEPTH_SUFFIXES and own_format(colors.path)  # as of photographs
+        if colors.kind == "file" and suffix not in SCENE_SUFFIXES and not own:
             problem = "holds no depth beside its colour"
-            is_photo = colors.path.suffix.lower() in PHOTO_SUFFIXES
-            if is_photo and PICTURES in read_head(colors.path, XMP_BYTES):
+            if suffix in PHOTO_SUFFIXES and PICTURES in read_head(colors.path, XMP_BYTES):
                 problem += ": none of the further pictures in it says that it is depth"
             remedy = "give the depth file as a second argument"
             raise InputError("no-depth", problem, remedy, path=colors.path)

@@ -56,19 +56,13 @@ def choose_color(
 
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
     """
-    chosen = _chosen_color(path, headers, layer, part)
-    aspect, (minimum, maximum) = chosen.header.pixel_aspect, _ASPECTS
-    if not minimum <= aspect <= maximum:
-        problem = f"has pixels {aspect:g} times as wide as high"
-        remedy = f"resample it to pixels of {minimum:g} to {maximum:g} times"
-        raise InputError("unsupported", problem, remedy, path=path)
-    return chosen
-
-
-def _chosen_color(
-    path: Path, headers: Sequence[Header], layer: str | None, part: int | None
-) -> ChannelGroup:
     layers = [each for header in _searched(path, headers, part) for each in _color_layers(header)]
+    minimum, maximum = _ASPECTS
+    for aspect in (each.header.pixel_aspect for each in layers):
+        if not minimum <= aspect <= maximum:
+            problem = f"has pixels {aspect:g} times as wide as high"
+            remedy = f"resample it to pixels of {minimum:g} to {maximum:g} times"
+            raise InputError("unsupported", problem, remedy, path=path)
     if layer is not None:
         return by_name(path, layers, layer, "colour layer", "‹color-layer›")
     candidates = [each for each in layers if "R" in each.channels] or layers
@@ -273,20 +267,14 @@ def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
         return replace(header, channels=channels, shown=chosen)
     restricted = []
     for channel in header.channels:
-        view, plain = _split(channel, header, views)
+        words, view, plain = channel.name.split("."), "", channel.name
+        if len(words) == 1 and header.multi_view:
+            view = views[0]
+        elif len(words) > 1 and words[-2] in views:
+            view, plain = words[-2], ".".join([*words[:-2], words[-1]])
         if view in ("", chosen):
             restricted.append(Channel(channel.name, channel.type, plain))
     # Channels of the view stand for those of no view with the same plain name.
     own = {channel.plain for channel in restricted if channel.plain != channel.name}
     kept = tuple(c for c in restricted if c.plain != c.name or c.plain not in own)
     return replace(header, channels=kept, shown=chosen)
-
-
-def _split(channel: Channel, header: Header, views: Sequence[str]) -> tuple[str, str]:
-    """The view of a channel, empty if there is none, and the name of the channel without it."""
-    words = channel.name.split(".")
-    if len(words) == 1 and header.multi_view:
-        return views[0], channel.name
-    if len(words) > 1 and words[-2] in views:
-        return words[-2], ".".join([*words[:-2], words[-1]])
-    return "", channel.name

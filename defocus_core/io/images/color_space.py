@@ -60,7 +60,10 @@ class Embedded(NamedTuple):
 def read_profile(data: bytes) -> Profile | None:
     """The profile in the bytes of a file; None where it holds no curve that is known."""
     try:
-        tags = _tags(data)
+        (count,) = struct.unpack_from(">I", data, _HEAD)
+        table = data[_HEAD + 4 : _HEAD + 4 + 12 * min(count, _MAX_TAGS)]
+        entries = struct.iter_unpack(">4sII", table)
+        tags = {name: data[start : start + size] for name, start, size in entries}
         if data[16:20] == b"GRAY":
             return Profile(_gamma(tags[b"kTRC"]), REC_709)
         gammas = {_gamma(tags[c + b"TRC"]) for c in (b"r", b"g", b"b")}
@@ -88,12 +91,6 @@ def sound_profile(data: bytes, colors: int) -> bytes:
     fits = data[16:20] == space and data[20:24] in (b"XYZ ", b"Lab ") and data[36:40] == b"acsp"
     is_whole = len(data) == size and len(ends) == count and max(ends, default=0) <= size
     return data if is_whole and fits and data[12:16] not in (b"abst", b"link") else b""
-
-
-def _tags(data: bytes) -> dict[bytes, bytes]:
-    (count,) = struct.unpack_from(">I", data, _HEAD)
-    entries = struct.iter_unpack(">4sII", data[_HEAD + 4 : _HEAD + 4 + 12 * min(count, _MAX_TAGS)])
-    return {name: data[start : start + size] for name, start, size in entries}
 
 
 def _fixed(data: bytes) -> tuple[float, ...]:

@@ -23,7 +23,6 @@ from defocus_core.io.read_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
 from defocus_core.picture.pair import parts_of
 from defocus_core.picture.take import InputPair, Take
-from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.system.text import counted
 
 
@@ -51,9 +50,23 @@ def read(take: Take) -> Take:
 
 def _layers(pair: InputPair) -> Layers:
     """The layers of one picture: its samples, or a single layer if it is flat."""
-    part, _ = parts_of(pair.picture, pair.reading)
-    header = deep_header(pair.picture, pair.reading, part)
-    return flat_layer(pair.color, pair.depth) if header is None else read_deep(pair, header)
+    picture, reading, color, header = pair.picture, pair.reading, pair.color, None
+    if is_exr(read_head(picture.color)):
+        headers = in_view(picture.color, read_headers(picture.color), reading.view)
+        if any(each.deep for each in headers):
+            part, _ = parts_of(picture, reading)
+            header = choose_color(
+                picture.color, headers, layer=reading.color_layer, part=part
+            ).header
+    if header is None or not header.deep:
+        return flat_layer(color, pair.depth)
+    if picture.depth != picture.color or pair.depth.channel != DEPTH:
+        problem = "is deep: its samples have a depth of their own, channel Z"
+        remedy = "leave the depth file and ‹depth-channel› out"
+        raise InputError("deep-data", problem, remedy, path=picture.color)
+    names = {channel.plain: channel.name for channel in header.channels}
+    sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
+    return _read_samples(pair, header, sources)
 
 
 def _holdout(pair: InputPair) -> Layers:
@@ -72,29 +85,6 @@ def _holdout(pair: InputPair) -> Layers:
     return _read_samples(
         pair.with_depth(replace(pair.depth, path=path, channel=DEPTH)), deep[0], ()
     )
-
-
-def deep_header(picture: PictureFiles, reading: Reading, part: int | None) -> Header | None:
-    """The deep part of a picture's colour, or None."""
-    if not is_exr(read_head(picture.color)):
-        return None
-    headers = in_view(picture.color, read_headers(picture.color), reading.view)
-    if not any(header.deep for header in headers):
-        return None
-    header = choose_color(picture.color, headers, layer=reading.color_layer, part=part).header
-    return header if header.deep else None
-
-
-def read_deep(pair: InputPair, header: Header) -> Layers:
-    """Read the samples of a deep picture."""
-    picture, color = pair.picture, pair.color
-    if picture.depth != picture.color or pair.depth.channel != DEPTH:
-        problem = "is deep: its samples have a depth of their own, channel Z"
-        remedy = "leave the depth file and ‹depth-channel› out"
-        raise InputError("deep-data", problem, remedy, path=picture.color)
-    names = {channel.plain: channel.name for channel in header.channels}
-    sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
-    return _read_samples(pair, header, sources)
 
 
 def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
