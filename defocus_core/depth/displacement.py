@@ -88,7 +88,7 @@ _BYTES_EACH = 1 << 13
 
 
 class ShiftEvidence(NamedTuple):
-    """What colours say of the displacements of a silhouette."""
+    """The displacements of a silhouette, by its colours."""
 
     costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
     fraction: Tensor  # [n, 1], of the profiles around that show both surfaces

@@ -141,7 +141,7 @@ def _is_mixed(
     known: NDArray[np.bool_],
     solid: float,  # alpha of a pixel that shows only the object
 ) -> NDArray[np.bool_]:
-    """Where an edge is farther than all solid pixels beside it, as averages with what is behind."""
+    """Pixels of edges that are farther than all solid pixels beside, as averages are."""
     farthest = np.where(known & (fraction >= solid), metres, np.float32(0))
     height, width = metres.shape
     for _ in range(_EDGE):

@@ -1,4 +1,4 @@
-"""The noise of a photograph, given to what a blur has made smooth.
+"""The noise of a photograph, added to what a blur has smoothed.
 
 It is measured where the photograph is sharp and flat, by brightness: its variance is that of a
 sensor, a + b L at the light L. A blur of radius r leaves about 1 / (pi r²) of it.
@@ -40,7 +40,7 @@ def grain_of(take: Take) -> list[tuple[float, float]]:
 def grained(
     plane: Any, noise: tuple[float, float], radius: Any, seed: int, *, is_half: bool
 ) -> NDArray[Any]:
-    """A plane [H, W] with the noise that its blur of radii [H, W] px has taken.
+    """A plane [H, W] with the noise that a blur of radii [H, W] px has removed.
 
     `noise`: its variance, as of `grain_of`; `is_half`: whether it is seen by half of the lens.
     """

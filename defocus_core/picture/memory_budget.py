@@ -89,7 +89,7 @@ def base_mb() -> float:
 
 @cache
 def _first_mb() -> tuple[float, bool]:
-    """The same at the first call: before any picture; and whether torch was loaded then."""
+    """The base at the first call, before any picture, and whether torch was loaded then."""
     return memory.held_mb() + _OF_CALLS_MB, is_torch_loaded()
 
 

@@ -50,7 +50,7 @@ def largest(values: NDArray[Any]) -> float:
 
 
 def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
-    """Colours in sRGB, [H, W, 3] in 0…1, of signed radii [H, W]; saturated from `full` on."""
+    """The sRGB colours [H, W, 3] in 0…1 of signed radii [H, W]; saturated from `full` on."""
     amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
     amount = amount[:, :, None]
     white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))
@@ -64,7 +64,7 @@ _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 
 
 def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
-    """Red, green, blue [H, W], linear, by linear light and signed radii in px, [H, W] each."""
+    """Linear red, green, blue [H, W] of linear light [H, W] and signed radii [H, W] px."""
     maximum = largest(radius)
 
     def shown(px: NDArray[Any], *colors: NDArray[Any]) -> NDArray[Any]:

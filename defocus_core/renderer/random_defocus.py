@@ -148,7 +148,7 @@ class Lenses(NamedTuple):
     """The lenses that `RandomDefocus` drew; values are [B] on the CPU, in float64.
 
     Attributes:
-        signed_radius: Of the circle of confusion in px, [B, 1, H, W].
+        signed_radius: CoC radii in px, [B, 1, H, W].
         foclen: Focal lengths in mm.
         fnum: F-numbers.
         foc_dist: Distances in focus in mm, inf where all is sky.

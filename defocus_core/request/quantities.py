@@ -73,7 +73,7 @@ class Unitless(tuple[float, float]):
 
 
 def short(text: str, maximum: int = _LONGEST_NUMBER) -> str:
-    """The text; raises if it is longer than a number may be."""
+    """The text, refused if it is too long for a number."""
     if len(text) > maximum:
         problem = f"'{text[:20]}…' has {len(text)} characters, of which {maximum} are read"
         raise QuantityError(problem, "write a shorter one")

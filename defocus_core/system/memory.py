@@ -29,7 +29,7 @@ _LARGEST, _FOREVER = 2**25, 2**31 - 1
 
 @contextmanager
 def without_collections() -> Iterator[None]:
-    """Pause garbage collection, which finds nothing in the block and takes most of its time."""
+    """Pause garbage collection, which would find nothing and take most of the time."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -172,7 +172,7 @@ def terminations() -> Iterator[None]:
 
 @contextmanager
 def delayed_signals() -> Iterator[None]:
-    """Delay signals to the end: an import that they interrupt loses them, or half a module."""
+    """Delay signals to the end of the block, where they could break an import."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -68,7 +68,7 @@ def progress(out: Path, failures: int) -> Progress:
 
 
 def merge(out: Path) -> tuple[int, int, list[str]]:
-    """Merge the journals of shards; the numbers of jobs and journals, and shards without one."""
+    """Merge the journals of shards; returns counts of jobs and journals, and shards without one."""
     require_journal(out)
     with locked(out):
         parts = gather(out)

@@ -225,7 +225,7 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
 
 
 def other_words(job: Job, record: Record, out: Path, *, keep_lenses: bool) -> str:
-    """The other picture, or with ``keep_lenses`` lens, that a record of the same files is of."""
+    """The other picture, or other lens with ``keep_lenses``, of a record of the same files."""
     before = out.resolve() / record.inputs["color"].path
     if before.exists() and before.resolve() != job.picture.color.resolve():
         return f"made of another picture, {before.resolve()}"

@@ -101,7 +101,7 @@ def rendered_alone(
 
 
 def _is_cut(radius: NDArray[np.float32]) -> bool:
-    """Whether light may come from farther than a frame of radii [H, W] px goes on beyond itself."""
+    """Whether light comes from farther away than a frame is continued; radii [H, W] px."""
     border = radius[:1], radius[-1:], radius[:, :1], radius[:, -1:]
     widest = max(float(np.abs(line).max()) for line in border)
     return widest > _WIDEST and _REACH * widest + _MORE > min(radius.shape)
@@ -158,7 +158,7 @@ def samples_of(
 
 
 def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Zeros whose small pages take memory only once written; those of NumPy come in huge pages."""
+    """Zeros in small pages, which take memory once written; NumPy's come in huge pages."""
     if math.prod(shape) < _MANY:
         return np.zeros(shape, np.float32)
     private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)

@@ -1,13 +1,13 @@
 """Colours and coverage of a tile through each part of the aperture, composited front to back.
 
-Three laws hold for known surfaces in three places. Slices of a layer, and visible samples of
-neighbouring layers, add up, for parts of one continuous surface are complementary: a saturating
-sum. Samples of one pixel occlude each other by their coverage, uncorrelated (`over`); what shows of
-them is their visible share. Surfaces out of focus cover each other by chance: behind a front of
-coverage A a layer of coverage a, visible or hidden, is seen by a (1 - A). Where this is more than
-its visible share, the lens looks behind what hides the layer from the pinhole, and the hidden share
-adds the difference. In focus, where A and a are those of the pixel, the difference is 0. Nothing is
-seen past opaque samples where none of their edges is in reach (`Openings`).
+Known surfaces follow three laws. Slices of a layer, and visible samples of neighbouring layers, add
+up (a saturating sum), because parts of one continuous surface are complementary. Samples of one
+pixel occlude each other by their coverage (`over`), as they are uncorrelated; what shows of them is
+their visible share. Surfaces out of focus cover each other by chance: behind a front of coverage A
+the lens sees a (1 - A) of a layer of coverage a. Where this exceeds the visible share of the layer,
+the lens looks past what hides the layer from the pinhole, and the hidden share adds the difference.
+In focus, where A and a are those of the pixel, the difference is 0. Nothing is seen behind opaque
+samples unless one of their edges is in reach (`Openings`).
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class TileCompositor:
         self._reserved: Tensor | None = None
 
     def add(self, number: int, shown: ShownLayer | None, behind: ShownLayer | None) -> None:
-        """Add what is visible of a layer, and what is known to be hidden of it."""
+        """Add the visible part of a layer, and its known hidden part."""
         full, sight = self._full, self.sight
         if isinstance(sight, Openings):
             self._covered[number] = self.coverage
@@ -133,7 +133,7 @@ class TileCompositor:
         return self.front[:, -1:]
 
     def set_aside(self, near: Tensor) -> Aside:
-        """Go on as if the surfaces nearer than focus were not there, up to `put_together`.
+        """Set the surfaces nearer than focus aside, until `put_together`.
 
         `near`: the coverage [M, 1, h, w] of these.
         """
@@ -146,7 +146,7 @@ class TileCompositor:
         return aside
 
     def close_gaps(self, aside: Aside) -> None:
-        """Close gaps that are small beside what the surfaces that were set aside cover.
+        """Close gaps that are small beside the coverage of the surfaces set aside.
 
         What these hide is continued at half the resolution: with what is visible of the same
         surface it may not quite cover all, and a bright sky behind both must not show.
@@ -165,7 +165,7 @@ class TileCompositor:
             self.invented = self.invented * larger[:, 0]
 
     def put_together(self, aside: Aside) -> None:
-        """Put the surfaces that were set aside before those composited since."""
+        """Composite the surfaces set aside over those composited since."""
         since, self.invented = self.invented, aside.invented
         layer = _changed(self.front, -aside.covered)
         layer, fraction = shown_behind(aside.composited, layer, self._full)

@@ -40,7 +40,7 @@ class Highlights(NamedTuple):
 
 
 def reached_by(farthest: int) -> int:
-    """Px around a region on which its highlights depend, for a greatest blur of `farthest` px.
+    """The margin in px on which a region's highlights depend; `farthest`: greatest blur.
 
     The disc of a highlight outside the region may reach into it, clipped by nearer surfaces.
     """
@@ -50,7 +50,7 @@ def reached_by(farthest: int) -> int:
 def split(
     layers: Sequence[SampleLayer], channels: int, limit: float
 ) -> tuple[Sequence[SampleLayer], list[Highlights]]:
-    """Separate highlights from layers, in whose light they are ordinary.
+    """Separate highlights from layers, which keep ordinary light there.
 
     `channels`: how many are colours, which alone the highlights have; alpha stays as it is.
     """
@@ -83,7 +83,7 @@ _TOWARDS = 0.01
 
 
 def nearer_than(radius: Tensor) -> Tensor:
-    """Px [n] of radius below which a surface stands before lights of radii [n] px."""
+    """The radius [n] px below which a surface occludes lights of radii [n] px."""
     return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
 
 

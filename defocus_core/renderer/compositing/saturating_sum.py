@@ -58,7 +58,7 @@ def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tu
     """A layer and its `fraction_behind`, with the gradient of coverage that is about to begin.
 
     Where there is room, all of a coverage of 0 shows as soon as there is one, and its gradient with
-    it. What it shows now is rounding, and stays as it is: of this the share is 1.
+    it. What it shows now is rounding, and stays as it is: its share is 1.
     """
     fraction = fraction_behind(front, layer, full)
     if not (torch.is_grad_enabled() and layer.requires_grad):

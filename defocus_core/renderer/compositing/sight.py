@@ -1,14 +1,13 @@
 """Sight: how far the lens sees, past opaque samples, and past the border of the frame.
 
-A surface of radius r shows itself to every lens point that meets it within r of a pixel: of what
-lies behind, nothing is seen but where its disc of r px passes an edge. So the farthest that the
-lens sees at a pixel is the farthest within its own disc. Slices of one surface add up to the whole
-only nearly, where its radius has a slope or steps: such a gap, of a hundredth, is an error,
-whatever lies behind.
+The lens looks past a surface of radius r only where an edge of it lies within r px of the pixel. So
+the farthest surface that the lens sees at a pixel is the farthest within the disc of the pixel.
+Slices of a surface whose radius has a slope or steps leave gaps of a hundredth of its coverage:
+these are errors, whatever lies behind.
 
-Beyond the frame surfaces go on as they are on its edge, but were not seen: trust is the share that
-sees the frame. Of a blur much wider than the frame they go on for a part of its reach. What sees
-farther sees nothing, and must not be filled by surfaces behind.
+Beyond the frame surfaces continue as they are on its edge, but were not seen: trust is the share of
+the aperture that sees the frame. If the blur is much wider than the frame, they continue for a part
+of its reach. Lens points that look farther see nothing, which surfaces behind must not fill.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ _APOTHEM = 0.97
 
 
 class SightLimits(NamedTuple):
-    """How far the lens sees at each pixel of a picture."""
+    """The farthest that the lens sees at each pixel."""
 
     farthest: Tensor  # [..., h, w], the number of the farthest slice
     layer_of: list[int]  # for each slice the number of its layer, ascending
@@ -70,7 +69,7 @@ class SightLimits(NamedTuple):
         return self._is_seen(bisect_left(self.layer_of, layer_index))
 
     def to_octave(self, octave: int) -> Tensor | None:
-        """As `to`, of the hidden surfaces of an octave."""
+        """As `to_layer`, for an octave."""
         return self._is_seen(bisect_left(self.octaves, octave))
 
     def _is_seen(self, number: int) -> Tensor | None:
@@ -140,7 +139,7 @@ class Openings(NamedTuple):
         return cls(room.masked_fill(none, 1), layer_index.masked_fill(none, torch.inf))
 
     def crop(self, box: Box) -> Openings:
-        """Those in a box."""
+        """Openings in a box."""
         return Openings(*map(box.crop, self))
 
     def to_layer(self, layer_index: int) -> Tensor:
@@ -148,12 +147,12 @@ class Openings(NamedTuple):
         return torch.where(self.layer_index < layer_index, self.room, 1)
 
     def to_octave(self, _: int) -> None:
-        """Nothing limits surfaces that are continued: they fill what is left at last."""
+        """None: continued surfaces have no limit, as they fill what is left at last."""
         return
 
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
-    """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
+    """The reach [h, w] px of the blur of samples that do not continue in all neighbours."""
     count = int((opaque.detach() < torch.inf).sum(0).amax())
     if not count:
         return torch.zeros_like(opaque[0])
@@ -180,7 +179,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
 
 
 def _spread(reach: Tensor) -> Tensor:
-    """By how many px each pixel [h, w] lies within the reach of another."""
+    """The px by which each pixel [h, w] lies within the reach of another."""
     for step in range(math.ceil(float(reach.detach().amax())) - 1):
         beside = reach[None, None]
         if step % 2:  # squares and crosses in turn: an octagon is nearly a circle

@@ -1,4 +1,4 @@
-"""Which light and radii a picture may have, and which of its light is bright."""
+"""Limits of the light and the radii of a picture, and of ordinary light."""
 
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
 BRIGHTEST = 1e30

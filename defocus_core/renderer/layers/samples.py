@@ -38,7 +38,7 @@ FEW_SAMPLES = 8
 
 
 class Layered(NamedTuple):
-    """Layers of a frame, in any order."""
+    """A scene of layers in any order."""
 
     colors: Tensor  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
     signed_radius: Tensor  # [L, H, W] px; undefined where coverage is 0

@@ -65,7 +65,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
 
 
 def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
-    """Exactly `count` radii from least to most; a single one is in the middle."""
+    """Exactly `count` evenly spaced radii; a single one is in the middle."""
     if count == 1:
         return ((minimum + maximum) / 2,)
     return tuple(minimum + (maximum - minimum) * k / (count - 1) for k in range(count))

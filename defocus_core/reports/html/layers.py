@@ -44,7 +44,7 @@ _USUAL = 95  # percentile of the pixels that differ, at the hottest colour
 
 
 def scale_of(planes: Sequence[NDArray[Any]], *, least: float = 1.0) -> float:
-    """The power of 2 by which halves, the greatest one at most, hold the values of planes."""
+    """The power of 2 by which values of planes are divided to fit into halves."""
     maximum = max(map(largest, planes), default=0.0)
     return max(least, 2.0 ** math.ceil(math.log2(maximum / _LARGEST))) if maximum else 1.0
 

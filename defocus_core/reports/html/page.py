@@ -98,7 +98,7 @@ def _room_words(items: Sequence[Item]) -> str:
 
 
 def plain(value: Any, payloads: dict[str, str]) -> Any:
-    """A record as JSON has it, by the names of its fields.
+    """A record in plain values, by the names of its fields.
 
     Control characters of texts are removed; bytes become the name of a payload (empty if there are
     none), and a number that JSON lacks becomes the name that the script has for it.
