@@ -9,8 +9,6 @@ Alternatives, as of another processor, are ``NAME.1.exr``, ``NAME.2.exr``, and s
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -18,9 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-_SHARED = pytest.StashKey[Path]()  # a folder that all processes of a run share
-_WORD = "defocus_goldens"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -32,31 +27,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--golden-report", metavar="FILE", type=Path, help=page)
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Make the folder that the processes of a run share, also those of pytest-xdist."""
-    given = getattr(config, "workerinput", {}).get(_WORD)
-    config.stash[_SHARED] = Path(given or tempfile.mkdtemp(prefix="defocus-goldens-"))
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_configure_node(node: Any) -> None:
-    """Tell a process of pytest-xdist the shared folder."""
-    node.workerinput[_WORD] = str(node.config.stash[_SHARED])
-
-
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Write the report, if asked for, and print its path."""
     from defocus_core.reports.html import comparisons
 
     if (path := config.option.golden_report) is not None:
-        comparisons.write_checks(config.stash[_SHARED], path)
+        comparisons.write_checks(_shared(config), path)
         terminalreporter.write_line(f"report of goldens: {path}")
 
 
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove the shared folder, in the process that made it."""
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(config.stash.get(_SHARED, ""), ignore_errors=True)
+def _shared(config: pytest.Config) -> Path:
+    """A folder that all processes of a run share, among those that pytest cleans up."""
+    base: Path = config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
+    folder = (base.parent if hasattr(config, "workerinput") else base) / "defocus-goldens"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @dataclass(frozen=True)
@@ -147,4 +132,4 @@ def golden(request: pytest.FixtureRequest) -> Golden:
     name = "/".join(part.replace("/", "_") for part in [*parts, node.name])
     folder = Path(node.path).parent / "goldens" / Path(node.path).stem
     update = config.option.golden_update
-    return Golden(folder, update, config.stash[_SHARED], node.nodeid, name)
+    return Golden(folder, update, _shared(config), node.nodeid, name)

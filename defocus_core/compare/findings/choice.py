@@ -8,11 +8,15 @@ difference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
+from itertools import groupby
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.places import coc_map, place_of
@@ -28,9 +32,10 @@ _LAST_BITS = 2e-5  # largest difference, invisible on any scale, that another ma
 _HALF = 0.5**0.5  # greatest residual by that of a rival: half in squares
 _SIMPLER = 0.5  # the same by that of a simpler case
 _LEFT_OF_FEW = 0.06  # the same for a picture of few pixels
-_WEAK = 0.35  # residual above which a fit yields to one by looks, and to a rectangle
+_WEAK = 0.35  # residual above which a fit yields to one by looks
 _BESIDE_NOISE = 0.15  # the same beside noise, as far as it can be measured
 _ALL = 2e-3  # residual of a complete explanation: the first such cause is named
+_NEARLY_ALL = 0.15  # residual of a model, at which those of further modules are not tried
 
 
 def diagnose(
@@ -44,7 +49,7 @@ def diagnose(
         return []
     chosen, tied = _decided(evidence)
     if chosen is not None:
-        finding = _by_channels(_by_lens(chosen.finding, (a, b)), evidence)
+        finding = _by_channels(_by_lens(chosen.finding, a, b), evidence)
         return [replace(finding, explained=round(evidence.explained(chosen.left), 4))]
     if evidence.is_slight:
         return [Finding("too small to name", "too small to name")]
@@ -76,9 +81,7 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     for fit in _fits(evidence, looks=True):
         if _is_enough(fit, evidence) and fit.left <= most:
             return fit, ()
-    if chosen is not None:
-        return None if evidence.is_rectangle else chosen, ()
-    return None, good[:2] if len(good) > 1 else ()
+    return chosen, good[:2] if chosen is None and len(good) > 1 else ()
 
 
 def _chosen(
@@ -103,12 +106,18 @@ def _chosen(
 
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
-    """The fits of possible causes to a pair."""
+    """The fits of possible causes, up to those of the first module that explain nearly all."""
     colors = {name for layer in evidence.pixels.color for name in layer}
-    lit = not colors.isdisjoint(evidence.names)
-    for model in dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= lit):
-        module, _, name = model.partition(".")
-        yield from getattr(import_module(f"{__package__}.{module}"), name)(evidence)
+    lit, least = not colors.isdisjoint(evidence.names), math.inf
+    models = dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= lit)
+    for module, some in groupby(models, lambda model: model.partition(".")[0]):
+        if least <= _NEARLY_ALL:
+            return
+        for model in some:
+            found = getattr(import_module(f"{__package__}.{module}"), model.partition(".")[2])
+            for fit in found(evidence):
+                least = min(least, fit.left)
+                yield fit
 
 
 def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
@@ -124,40 +133,30 @@ def _is_beyond(fit: Explanation, other: Explanation) -> bool:
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
-    """A finding reworded for channels that are not light, or with the differing channels."""
-    names = ", ".join(evidence.names)
-    colors = [name for layer in evidence.pixels.color for name in layer]
-    if colors and set(colors) <= set(evidence.names):
+    """A finding that begins with the channels that differ, unless all or those of colour do."""
+    names, colors = {*evidence.names}, {n for layer in evidence.pixels.color for n in layer}
+    every = names == {*evidence.pixels.names} or (colors and colors <= names)
+    if every or names <= {*finding.values} or "factors" in finding.values:
         return finding
-    if finding.name == "another exposure" and not set(colors) & set(evidence.names):
-        factor = finding.values.get("factor")
-        said = finding.text.partition(": ")[2] if factor is None else f"{names} x {factor:.4g}"
-        return replace(finding, name="multiplied", text=f"multiplied: {said}")
-    if not colors or set(evidence.names) <= set(finding.values) or "factors" in finding.values:
-        return finding
-    verb = finding.text.partition(" ")[0].rstrip(":").endswith("ed")
-    return replace(finding, text=f"{names}{' ' if verb else ': '}{finding.text}")
+    return replace(finding, text=f"{', '.join(evidence.names)}: {finding.text}")
 
 
-def _by_lens(finding: Finding, files: tuple[DecodedPicture, DecodedPicture]) -> Finding:
+def _by_lens(finding: Finding, a: DecodedPicture, b: DecodedPicture) -> Finding:
     """The finding of another CoC, if metadata or CoC maps of both show that."""
     if finding.name not in ("softer", "sharper"):
         return finding
-    a, b = (file.metadata for file in files)
-    keys = [f"defocus:{key}" for key in _OF_A_COC]
+    keys = ((key, f"defocus:{key}") for key in _OF_A_COC)
+    both = [(key, a.metadata.get(name), b.metadata.get(name)) for key, name in keys]
     changes = [
-        f"{key.partition(':')[2]} {b[key]} instead of {a[key]}"
-        for key in keys
-        if key in a and key in b and a[key] != b[key]
+        f"{k} {now} instead of {was}" for k, was, now in both if was and now not in (was, None)
     ]
-    maps = [coc_map(file) for file in files]
-    if not changes and maps[0] is not None and maps[1] is not None:
-        changes = ["by the CoC maps"] * bool((maps[0] != maps[1]).any())
     if not changes:
-        return finding
-    return replace(
-        finding, name="another CoC", text=f"another CoC: {finding.text} ({', '.join(changes)})"
-    )
+        was, now = coc_map(a), coc_map(b)
+        changes = ["by the CoC maps"] * (
+            not (was is None or now is None or np.array_equal(was, now))
+        )
+    how = f"another CoC: {finding.text} ({', '.join(changes)})"
+    return replace(finding, name="another CoC", text=how) if changes else finding
 
 
 def _others(pixels: Pixels, file_a: Path | None) -> dict[str, Mapping[str, Any]]:

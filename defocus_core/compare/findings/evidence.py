@@ -28,7 +28,6 @@ _FRAME = 448  # px on a side of the part that is analysed as a whole
 _LARGE = 0.5  # difference beyond which the weight of a pixel does not grow
 _BLOCK = 16  # px of alternating blocks: one chooses parameters, the next measures
 _LARGEST = 1e30  # greatest value: beyond it, arithmetic in float32 overflows
-_PART_OF = 0.6  # greatest share of a picture in a rectangle
 _SMOOTH = 0.1  # least share of a difference that neighbours have in common
 _LESS = 0.98  # greatest residual of a model beside noise
 _SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
@@ -85,11 +84,12 @@ class Evidence:
 
         The second half are the neighbours of the first, in the same order.
         """
-        every = np.arange(math.prod(self.size))
-        if every.size > _SAMPLES:
+        number, differ = math.prod(self.size), np.flatnonzero(self.pixels.greatest > 0)
+        every = np.arange(number)
+        if number > _SAMPLES:
             generator = np.random.default_rng(0)
-            differ = np.flatnonzero(self.pixels.greatest)
-            every = np.concatenate([generator.choice(of, _SAMPLES // 2) for of in (differ, every)])
+            ends = [generator.integers(n, size=_SAMPLES // 2) for n in (differ.size, number)]
+            every = np.concatenate([differ[ends[0]], ends[1]])
         rows, columns = np.unravel_index(every, self.size)
         beside = np.where(columns + 1 < self.size[1], columns + 1, columns - 1).clip(0)
         return np.tile(rows, 2), np.concatenate([columns, beside])
@@ -242,18 +242,6 @@ class Evidence:
         """The first row and column that differ, and those after the last."""
         rows, columns = (np.flatnonzero((self.pixels.greatest > 0).any(axis=k)) for k in (1, 0))
         return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
-
-    @cached_property
-    def is_rectangle(self) -> bool:
-        """Whether the difference is a rectangle within the picture, whose rims differ as well."""
-        changed, (top, left, bottom, right) = self.pixels.greatest > 0, self.window
-        within, (height, width) = changed[top:bottom, left:right], self.size
-        if within.size > _PART_OF * changed.size or min(within.shape) < 4:
-            return False
-        rims = (within[:4], within[-4:], within[:, :4], within[:, -4:])
-        inside = (top > 0, bottom < height, left > 0, right < width)
-        least = min(float(rim.mean()) for rim, counts in zip(rims, inside, strict=True) if counts)
-        return least > 0.5 * float(within.mean()) > 0.1
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:

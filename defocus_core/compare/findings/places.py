@@ -55,11 +55,13 @@ def place_of(
     if evidence.is_small or total**2 < _FEWEST * float(np.square(power).sum()):
         return None
     measures, told = ~blocks_in_turn(evidence.size)[cut], []
-    ways = [_by_frame(evidence, power * ~measures, cut)]
-    if not evidence.is_rectangle:
-        ends = zip(corner[::-1], evidence.size, strict=True)
-        within = tuple(slice(at, at + length) for at, length in ends)
-        ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
+    ends = zip(corner[::-1], evidence.size, strict=True)
+    within = tuple(slice(at, at + length) for at, length in ends)
+    ways = (
+        _by_scene(files, within, cut),
+        _by_light(evidence, a),
+        _by_frame(evidence, power * ~measures, cut),
+    )
     for name, how, mask in chain.from_iterable(ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
         whole = float(power[used].sum())
@@ -126,13 +128,10 @@ def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
         outer[wide:-wide, wide:-wide] = False
         yield "at the border", f", within {wide} px", outer[cut]
     top, left, bottom, right = evidence.window
-    if power.any() and not evidence.is_rectangle:
-        ends = []
-        for axis in (0, 1):
-            total = np.cumsum(power.sum(axis=1 - axis))
-            first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
-            ends.append((int(first) * step, min((int(last) + 1) * step, size[axis])))
-        (top, bottom), (left, right) = ends
+    if 2 * (bottom - top) * (right - left) > math.prod(size):
+        totals = [power.sum(axis=axis).cumsum() for axis in (1, 0)]
+        ends = [np.searchsorted(t, (_TAILS * t[-1], (1 - _TAILS) * t[-1])) for t in totals]
+        (top, bottom), (left, right) = ((int(v[0]) * step, int(v[1] + 1) * step) for v in ends)
     within = np.zeros(size, bool)
     within[top:bottom, left:right] = True
     yield "in one region", f" of {right - left}x{bottom - top} at {left},{top}", within[cut]

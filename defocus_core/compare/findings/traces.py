@@ -161,7 +161,7 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
     power, each = float(np.square(change).mean()), float(np.square(sides[1] - sides[0]).mean())
     few = np.count_nonzero(change) < _MIN_CHANGED * change.size or min(change.shape) < 3
     biased = power < _SHARED * each or abs(change.mean()) > _WITHOUT_MEAN * math.sqrt(power)
-    if few or biased or evidence.is_rectangle:
+    if few or biased:
         return
     beside = ((v[1:] * v[:-1]).mean() for v in (change, change.T))
     shared = max(abs(float(v)) for v in beside) / power
