@@ -107,9 +107,8 @@ def _chosen(
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
     """The fits of possible causes, up to those of the first module that explain nearly all."""
-    colors = {name for layer in evidence.pixels.color for name in layer}
-    lit, least = not colors.isdisjoint(evidence.names), math.inf
-    models = dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= lit)
+    is_light, least = evidence.is_light, math.inf
+    models = dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= is_light)
     for module, some in groupby(models, lambda model: model.partition(".")[0]):
         if least <= _NEARLY_ALL:
             return

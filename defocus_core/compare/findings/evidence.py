@@ -62,6 +62,7 @@ class Evidence:
         types: number types of B.
         others: channels of files beside that of A, by the finding that B is one of these.
         codecs: compression of the files of A and of B.
+        is_light: whether a channel that differs is colour.
         is_small: whether there are so few pixels that explaining half of them may be chance.
     """
 
@@ -77,6 +78,7 @@ class Evidence:
         self.size, self.gamma = pixels.shape, pixels.gamma
         self.is_small = math.prod(self.size) < _FEW
         self.types = {types[name] for name in self.names}
+        self.is_light = any(name in layer for layer in pixels.color for name in self.names)
 
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -203,12 +205,10 @@ class Evidence:
         values: Mapping[str, Any] | None = None,
         *,
         where: NDArray[np.bool_] | None = None,
-        follows_rounding: bool = False,
     ) -> Explanation:
         """The explanation by a prediction of B at the samples [C, N].
 
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
-        `follows_rounding`: whether the model may have learnt how values were rounded.
         """
         used = self.weights * (~self.fits if where is None else ~self.fits & where)
         used = np.broadcast_to(used, predicted.shape)
@@ -217,8 +217,6 @@ class Evidence:
             aim, whole = self._aim
             rest = self.scaled(predicted.astype(np.float32)) - aim
             power, rest_power = (float((used * v * v).sum()) for v in (whole, rest))
-            if follows_rounding:
-                rest_power += float(used.sum()) * self.rounding**2
             left = math.sqrt(rest_power / power) if power else math.inf
             common, rest_common = (_common(used, v) for v in (whole, rest))
             contrast = float((used * np.square(aim - aim.mean())).sum())

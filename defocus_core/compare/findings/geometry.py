@@ -66,43 +66,65 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by pixels and fractions, and enlarged; new pixels may be anything."""
-    whole = min((_shifted(evidence, *way) for way in _ways(evidence)), key=lambda fit: fit.left)
-    dx, dy = whole.values["dx"], whole.values["dy"]
-    if (dx, dy) != (0, 0):
-        yield whole
-    if whole.left <= _EXPLAINED or min(evidence.size) <= 16:
-        return
-    move = np.array([dy, dx, 0.0])
-    for free in (2, 3):
-        better, move = _fitted(evidence, move, free)
-        if not better:
-            continue
-        inside, there = _moved(evidence, slice(None), move, evidence.names)
-        there = evidence.stored(there) if _is_of_light(evidence) else evidence.unscaled(there)
-        down, right, out = map(float, move)
-        values = {"dx": right, "dy": down, "scale": 1 + out / (max(evidence.size) / 2)}
-        ways = [f"shifted by ({right:.2f}, {down:.2f})"]
-        if free == 3 and abs(out) > _LEAST_PART:
-            ways = [f"scaled by {values['scale']:.5g}", *ways]
-            ways = ways[: 1 + bool(np.hypot(right, down) > 5 * _LEAST_PART)]
-        name, space, how = " and ".join(ways).partition(" ")
-        yield evidence.explain(there, name, space + how, values, where=inside)
+    """B is A moved by pixels, by fractions of them, and enlarged; new pixels may be anything.
+
+    A move is px down, px right, and px outwards at half of the longer side. Fractions are found by
+    Gauss-Newton steps (Lucas and Kanade, 1981).
+    """
+    names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
+    few = np.flatnonzero(evidence.fits)
+    few = few[:: max(1, len(few) // _CHOSEN)]
+    of_light, rows, columns = _is_of_light(evidence), *(v[few] for v in evidence.places)
+    scale = evidence.light if of_light else evidence.scaled
+    was, aim = (scale(evidence.values_at(side, rows, columns, names)) for side in "ab")
+    slope = steepness(was) if of_light else 1.0  # of a screen
+
+    def left(inside: Any, there: Any) -> float:
+        """The share of the squared difference that a move leaves."""
+        rest, every = (np.square((aim - v) * slope * inside).sum() for v in (there, was))
+        return float(rest / every) if every else np.inf
+
+    def at(move: NDArray[Any]) -> tuple[Any, Any]:
+        return _moved(evidence, few, move, names)
+
+    move = min(_ways(evidence), key=lambda way: left(*at(way)))
+    for free in (0, 2, 3) if min(evidence.size) > 16 else (0,):
+        best = move.copy()
+        for _ in range(_STEPS if free else 0):
+            inside, there = at(best)
+            beside = [at(best + _AROUND * d)[1] for d in np.eye(3)[:free]]
+            design = np.stack([((v - there) / _AROUND * slope * inside).ravel() for v in beside])
+            sums = design @ ((aim - there) * slope * inside).ravel()
+            step = np.linalg.lstsq(design @ design.T, sums, rcond=None)[0].clip(-2, 2)
+            best[:free] += step
+            if np.abs(step).max() < 0.002:
+                break
+        moves = np.isfinite(best).all() and np.abs(best).max() >= _LEAST_PART
+        if moves and left(*at(best)) <= 0.5:
+            move, fit = best, _explained(evidence, best)
+            yield fit
+            if fit.left <= _EXPLAINED:
+                return
 
 
-def _shifted(evidence: Evidence, dx: int, dy: int) -> Explanation:
-    """The explanation by a shift by whole pixels, where A has pixels."""
-    (rows, columns), (height, width) = evidence.places, evidence.size
-    y, x = rows - dy, columns - dx
-    there = evidence.values_at("a", y.clip(0, height - 1), x.clip(0, width - 1))
-    within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-    how, values = f" by ({dx}, {dy})", {"dx": dx, "dy": dy}
-    return evidence.explain(there, "shifted", how, values, where=within)
+def _explained(evidence: Evidence, move: NDArray[Any]) -> Explanation:
+    """The explanation by a move."""
+    inside, there = _moved(evidence, slice(None), move, evidence.names)
+    there = evidence.stored(there) if _is_of_light(evidence) else evidence.unscaled(there)
+    down, right, out = map(float, move)
+    values = {"dx": right, "dy": down, "scale": 1 + out / (max(evidence.size) / 2)}
+    # The sum makes 0 of −0.
+    ways = ["shifted by ({:g}, {:g})".format(*(round(v, 2) + 0.0 for v in (right, down)))]
+    if abs(out) > _LEAST_PART:
+        shifts = np.hypot(right, down) > 5 * _LEAST_PART
+        ways = [f"scaled by {values['scale']:.5g}", *ways * bool(shifts)]
+    name, space, how = " and ".join(ways).partition(" ")
+    return evidence.explain(there, name, space + how, values, where=inside)
 
 
-def _ways(evidence: Evidence) -> Iterator[tuple[int, int]]:
-    """No shift, and those (dx, dy) at the peaks of correlations of A and B in the frame."""
-    yield 0, 0
+def _ways(evidence: Evidence) -> Iterator[NDArray[Any]]:
+    """No move, and those by whole px at the peaks of correlations of A and B in the frame."""
+    yield np.zeros(3)
     a, b = (side.mean(axis=0) for side in evidence.framed)
     height, width = a.shape
     window = np.outer(*(np.hanning(n + 2)[1:-1].astype(a.dtype) for n in (height, width)))
@@ -113,37 +135,8 @@ def _ways(evidence: Evidence) -> Iterator[tuple[int, int]]:
         peaks = np.fft.irfft2(spectrum / magnitude**whitening, s=(height, width)).ravel()
         for place in np.argsort(peaks)[-_PEAKS:].tolist():
             dy, dx = divmod(place, width)
-            yield dx - width * (dx > width // 2), dy - height * (dy > height // 2)
-
-
-def _fitted(evidence: Evidence, start: NDArray[Any], free: int) -> tuple[bool, NDArray[Any]]:
-    """Whether a move near a start explains anything, and the best one, else the start.
-
-    `free`: the number of free parameters: px down, px right, and px outwards at half of the longer
-    side. The method is Gauss-Newton steps (Lucas and Kanade, 1981).
-    """
-    names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
-    few = np.flatnonzero(evidence.fits)
-    few = few[:: max(1, len(few) // _CHOSEN)]
-    rows, columns = (places[few] for places in evidence.places)
-    scale = evidence.light if _is_of_light(evidence) else evidence.scaled
-    was, aim = (scale(evidence.values_at(side, rows, columns, names)) for side in "ab")
-    # Light has the weight of its slope on a screen.
-    slope = steepness(was) if _is_of_light(evidence) else 1.0
-    move = start.copy()
-    for _ in range(_STEPS):
-        inside, there = _moved(evidence, few, move, names)
-        beside = [_moved(evidence, few, move + _AROUND * d, names)[1] for d in np.eye(3)[:free]]
-        design = np.stack([((v - there) / _AROUND * slope * inside).ravel() for v in beside])
-        rest = (aim - there) * slope * inside
-        step = np.linalg.lstsq(design @ design.T, design @ rest.ravel(), rcond=None)[0].clip(-2, 2)
-        move[:free] += step
-        if np.abs(step).max() < 0.002:
-            break
-    every = np.square((aim - was) * slope * inside).sum()
-    better = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
-    better = bool(better and np.square(rest).sum() <= 0.5 * every)
-    return better, move if better else start
+            down, right = dy - height * (dy > height // 2), dx - width * (dx > width // 2)
+            yield np.array([down, right, 0.0])
 
 
 def _is_of_light(evidence: Evidence) -> bool:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from typing import Any
@@ -20,7 +19,6 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     steepness,
-    summed_up,
     sums_of_parts,
 )
 from defocus_core.compare.selection import widened
@@ -33,11 +31,9 @@ _SIGMAS, _PART = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of pa
 _RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
 _FACTORS = np.geomspace(1.03, 6, 200)  # of size
-_REACH, _PROBE, _KEPT = 16, 64, 3  # sizes beside an estimate; px; ways that are measured
-_USUAL = (4 / 3, 1.5, 2, 3, 4, 8)  # factors of size
+_REACH, _PROBE = 16, 64  # sizes beside an estimate; px on a side of the part that tells most
 _TRIED, _NEAR = 4, 0.64  # pairs of filters that are tried; their residual by response
 _BLOCKS = (2, 4, 8)  # px on a side of repeated pixels
-_ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _OF_LIGHT = 0.3  # least share of the power of a difference that channels share
 _ONE_WAY = 0.85  # share of a difference at lost detail, above which a picture is softer
 _COHERENT = 0.1  # least correlation of a sharper picture's difference with the detail of A
@@ -94,56 +90,49 @@ def _response(kernel: _Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
     return f, values / values[0]
 
 
-@dataclass(frozen=True, eq=False)
 class _Frame:
-    """The mean [h, w] of the channels of A and of B in the frame of a pair, of light or stored."""
+    """The mean [h, w] of the channels of A and of B in the frame of a pair, of light or stored.
 
-    evidence: Evidence
-    is_light: bool
+    Attributes:
+        sides: A and B.
+        shown: the same on the scale of differences.
+        steady: mask [h, w] of pixels with none nearby that may be clipped by an integer type.
+        chooses: mask [h, w] of pixels that choose parameters; the others measure.
+    """
 
-    @cached_property
-    def sides(self) -> tuple[_Plane, _Plane]:
-        """A and B."""
-        of, cut = self.evidence, self.evidence.frame
-        values = (of.values_at(side, *cut) for side in "ab")
-        a, b = ((of.light(v) if self.is_light else v.astype("f8")).mean(axis=0) for v in values)
-        return a, b
+    def __init__(self, evidence: Evidence, *, is_light: bool) -> None:
+        self.evidence, self.is_light = evidence, is_light
+        stored = [evidence.values_at(side, *evidence.frame) for side in "ab"]
+        self.sides = [
+            (evidence.light(v) if is_light else v.astype("f8")).mean(axis=0) for v in stored
+        ]
+        self.shown = [*map(self.scaled, self.sides)]
+        clipped = np.logical_or(
+            *((v > 0.996).any(axis=0) & (not evidence.is_linear) for v in stored)
+        )
+        self.steady, self.chooses = ~widened(clipped, _MARGIN), blocks_in_turn(clipped.shape, 4)
 
     def scaled(self, values: _Plane) -> _Plane:
         """Values of the frame on the scale of differences."""
         return self.evidence.scaled_light(values) if self.is_light else values
 
     @cached_property
-    def steady(self) -> NDArray[np.bool_]:
-        """Mask [h, w] of pixels with none nearby that may be clipped by an integer type."""
-        near = np.zeros(self.sides[0].shape, bool)
-        for side in () if self.evidence.is_linear else ("a", "b"):
-            near |= (self.evidence.values_at(side, *self.evidence.frame) > 0.996).any(axis=0)
-        return ~widened(near, _MARGIN)
-
-    @cached_property
-    def chooses(self) -> NDArray[np.bool_]:
-        """Mask [h, w] of pixels that choose parameters; the others measure."""
-        return blocks_in_turn(self.sides[0].shape, 4)
-
-    @cached_property
     def slope(self) -> _Plane:
         """The slope of the scale of differences, 0 where light may be clipped [h, w]."""
-        a, b = self.sides
-        steep = steepness(np.maximum(np.abs(a), np.abs(b))) if self.is_light else 1.0
+        steep = steepness(np.maximum(*map(np.abs, self.sides))) if self.is_light else 1.0
         return np.where(self.steady, steep, 0.0)
 
     @cached_property
     def spectra(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """The frequencies of A and of B, faded out at the borders."""
-        window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.sides[0].shape)))
+        window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.steady.shape)))
         a, b = (np.fft.rfft2((side - side.mean()) * window) for side in self.sides)
         return a, b
 
     @cached_property
     def squares(self) -> NDArray[Any]:
         """The squared frequencies of a spectrum, in cycles per px."""
-        height, width = self.sides[0].shape
+        height, width = self.steady.shape
         return np.asarray(np.fft.fftfreq(height)[:, None] ** 2 + np.fft.rfftfreq(width) ** 2)
 
     @cached_property
@@ -165,32 +154,30 @@ class _Frame:
     def smooth(self) -> list[list[_Plane]]:
         """A and B after each gaussian, periodic at the borders."""
         bells = [np.exp(-2 * (np.pi * sigma) ** 2 * self.squares) for sigma in _SIGMAS]
-        size = self.sides[0].shape
-        spectra = map(np.fft.rfft2, self.sides)
+        spectra, size = map(np.fft.rfft2, self.sides), self.steady.shape
         return [[np.fft.irfft2(s * bell, s=size) for bell in bells] for s in spectra]
 
     @cached_property
-    def is_sharper(self) -> bool:
-        """Whether the difference is like the detail of A, as that of noise is not."""
-        (a, b), (used, *_) = self.sides, self._aim
-        change, detail = (v[used] for v in (b - a, a - self.smooth[0][2]))
-        both = np.square(change).sum() * np.square(detail).sum()
-        return bool((change * detail).sum() > _COHERENT * np.sqrt(both))
-
-    @cached_property
-    def _aim(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Where the frame is measured, B there, and its difference from A, on its scale."""
+    def measures(self) -> NDArray[np.bool_]:
+        """Mask [h, w] of the pixels that measure."""
         used = ~self.chooses & self.steady
         for rim in (slice(_MARGIN), slice(-_MARGIN, None)):
             used[rim] = used[:, rim] = False
-        a, b = (self.scaled(side[used]) for side in self.sides)
-        return used, b, b - a
+        return used
+
+    @property
+    def is_sharper(self) -> bool:
+        """Whether the difference is like the detail of A, as that of noise is not."""
+        (a, b), used = self.sides, self.measures
+        change, detail = (b - a)[used], (a - self.smooth[0][2])[used]
+        both = np.square(change).sum() * np.square(detail).sum()
+        return bool((change * detail).sum() > _COHERENT * np.sqrt(both))
 
     def explain(self, there: _Plane, name: str, how: str, **values: float) -> Explanation:
         """The explanation by a predicted frame of B."""
-        used, b, whole = self._aim
-        there = there[used] if self.evidence.gamma == 1.0 else there[used].clip(0.0, 1.0)
-        left, every = (float(np.square(v).sum()) for v in (self.scaled(there) - b, whole))
+        there = there if self.evidence.gamma == 1.0 else there.clip(0.0, 1.0)
+        (a, b), used = self.shown, self.measures
+        left, every = (np.square((v - b)[used]).sum() for v in (self.scaled(there), a))
         return Explanation(math.sqrt(left / every) if every else math.inf, name, how, values)
 
 
@@ -198,55 +185,53 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
     """B is a filtered A, or A a filtered B, also in parts; or B has more detail."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
-    frames = [_Frame(evidence, is_light) for is_light in (True, evidence.is_linear)]
-    if min(frames[0].sides[0].shape) >= _LEAST and alike_by >= _OF_LIGHT * np.square(b - a).sum():
-        frame = frames[0]
-        if not evidence.is_linear:  # programs filter light, or what is stored
-            frame = min(frames, key=lambda each: each.filtered[0])
-        yield from _filtered_in_parts(frame)
-        if not all(name.endswith("A") for name in evidence.names):  # soft edges tell no size
-            yield from _resized(frame)
-        yield from _denoised(frame)
+    sides = [cut.stop - cut.start for cut in evidence.frame]
+    if min(sides) < _LEAST or alike_by < _OF_LIGHT * np.square(b - a).sum():
+        return
+    frames = [_Frame(evidence, is_light=light) for light in {True, evidence.is_linear}]
+    frame = min(
+        frames, key=lambda each: each.filtered[0]
+    )  # programs filter light, or what is stored
+    yield from _filtered_in_parts(frame)
+    if not all(name.endswith("A") for name in evidence.names):  # soft edges tell no size
+        yield _resized(frame)
 
 
-def _resized(frame: _Frame) -> Iterator[Explanation]:
+def _resized(frame: _Frame) -> Explanation:
     """B is A reduced and enlarged again, by filters or by leaving pixels out."""
-    (height, width), (a, b) = frame.evidence.size, map(frame.scaled, frame.sides)
+    (height, width), (a, b) = frame.evidence.size, frame.shown
     inner = (slice(_MARGIN, -_MARGIN),) * 2
     parts = sums_of_parts((np.square(b - a) * frame.steady)[inner], _PROBE)
     most = np.unravel_index(int(parts.argmax()), parts.shape)  # the part that tells most
     firsts = [int(k) * _PROBE + _MARGIN for k in most]
-    probe = tuple(
-        slice(k, min(k + _PROBE, n - _MARGIN)) for k, n in zip(firsts, b.shape, strict=True)
-    )
+    ends = zip(firsts, b.shape, strict=True)
+    probe = tuple(slice(k, min(k + _PROBE, n - _MARGIN)) for k, n in ends)
 
     def cost(way: _Way) -> float:
         there = frame.scaled(_through_size(frame, *way, probe))
         return float(np.square(there - b[probe]).sum())
 
-    ways: list[_Way] = []
+    ways: list[_Way] = [
+        ((round(height / side), round(width / side)), (down, up))
+        for side, down in product(_BLOCKS, (*_FILTERS, _first, _middle))
+        for up in (_FILTERS if side == 2 else [_box])
+    ]
     for factor, kernels in _factors(frame):
-        wide = {round(width / factor) + k for k in range(-_REACH, _REACH)}
-        wide |= {round(width / usual) for usual in _USUAL}
-        sizes = ((round(height * n / width), n) for n in wide if 1 < n <= width / _FACTORS[0])
-        (high, wide_), _ = min(((size, kernels) for size in sizes), key=cost)
-        ways += [((high + k, wide_), kernels) for k in (-1, 0, 1)]
-    for side, down in product(_BLOCKS, (*_FILTERS, _first, _middle)):
-        ups = _FILTERS if side == 2 else (_box,)  # half is what most choose
-        ways += [((round(height / side), round(width / side)), (down, up)) for up in ups]
-    fits = []
-    for size, kernels in sorted(ways, key=cost)[:_KEPT]:
-        factor = width / size[1]
-        of = {2.0: "half", 4.0: "a quarter of the"}.get(factor, f"{1 / factor:.0%} of the")
-        how = f": {of} resolution, {_FILTERS[kernels[1]]}"
-        there = _through_size(frame, size, kernels, tuple(slice(0, n) for n in b.shape))
-        fits.append(frame.explain(there, "lower resolution", how, factor=factor))
-    yield min(fits, key=lambda fit: fit.left)
+        near = [round(width / factor) + k for k in range(-_REACH, _REACH)]
+        sizes = [(round(height * n / width), n) for n in near if 1 < n <= width / _FACTORS[0]]
+        rows, columns = min(sizes, key=lambda size: cost((size, kernels)))
+        ways += [((rows + k, columns), kernels) for k in (-1, 0, 1)]
+    size, kernels = min(ways, key=cost)
+    factor = width / size[1]
+    of = {2.0: "half", 4.0: "a quarter of the"}.get(factor, f"{1 / factor:.0%} of the")
+    how = f": {of} resolution, {_FILTERS[kernels[1]]}"
+    there = _through_size(frame, size, kernels, tuple(slice(0, n) for n in b.shape))
+    return frame.explain(there, "lower resolution", how, factor=factor)
 
 
 def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:
     """Pairs of filters with the response of B to A, and factors of size, the most alike first."""
-    rows = np.abs(np.fft.fftfreq(len(frame.sides[0]))) < _SMOOTH
+    rows = np.abs(np.fft.fftfreq(len(frame.steady))) < _SMOOTH
     old, new = (spectrum[rows] for spectrum in frame.spectra)
     power, common = (np.abs(old) ** 2).sum(axis=0), (old.conj() * new).real.sum(axis=0)
     every, whole = float((np.abs(old - new) ** 2).sum()), float((np.abs(new) ** 2).sum())
@@ -278,26 +263,7 @@ def _through_size(
         back = up((aim[:, None] + 0.5) / ratio - 0.5 - coarse)
         back, wide = (v / np.maximum(v.sum(axis=1, keepdims=True), 1e-9) for v in (back, wide))
         made = np.moveaxis(back @ (wide @ made[used]), 0, 1)
-    return made
-
-
-def _denoised(frame: _Frame) -> Iterator[Explanation]:
-    """B is A with medians, or with means of similar neighbours."""
-    a, b = (frame.scaled(side).astype("f4") for side in frame.sides)
-    (height, width), padded = a.shape, np.pad(a, 2, mode="edge")
-    beside = np.stack([padded[y : height + y, x : width + x] for y, x in np.ndindex(5, 5)])
-    near = [k for k, (y, x) in enumerate(np.ndindex(5, 5)) if 0 < y < 4 and 0 < x < 4]
-    details = [np.median(beside[near], axis=0) - a]
-    beside -= a
-    for alike_by in _ALIKE:
-        weights = np.exp(np.square(beside) * (-0.5 / alike_by**2))
-        details.append((weights * beside).sum(axis=0) / weights.sum(axis=0))
-    for some in (details[:1], details[1:]):
-        shares = summed_up(some, b - a, 1.0 * frame.chooses)
-        if shares.sum() > 0.2:
-            shown = a + sum(s * detail for s, detail in zip(shares, some, strict=True))
-            there = frame.evidence.unscaled_light(shown) if frame.is_light else shown
-            yield frame.explain(there, "softer", ": smeared as by a denoiser")
+    return np.asarray(made)
 
 
 def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:

@@ -26,8 +26,8 @@ class Cause:
     looks: bool = False  # whether it is tried if no other row is named
 
 
-_FACTOR = ("another exposure", "multiplied")
-_LINEAR = (*_FACTOR, "channels swapped", "premultiplication")
+FACTOR = ("another exposure", "multiplied")
+_LINEAR = (*FACTOR, "channels swapped", "premultiplication")
 _TONES = (*_LINEAR, "offset or contrast", "inverted", "another gamma", "clipped", "normalised")
 _MOVED = ("shifted", "scaled")
 _AXIS = "along rays instead of along the axis, by which focal length"
@@ -51,14 +51,14 @@ CAUSES = (
     ),
     Cause("multiplied", "the same of channels that are not light, like depth", "tone.summed"),
     Cause("normalised", "0…1 of other numbers, like depth; or their inverse", "tone.summed"),
-    Cause("another gamma", "the power; sRGB encoded or decoded once more", "tone.summed", _FACTOR),
+    Cause("another gamma", "the power; sRGB encoded or decoded once more", "tone.summed", FACTOR),
     Cause(
         "offset or contrast",
         "A times a factor, and a constant: of light or of a screen",
         "tone.summed",
-        (*_FACTOR, "normalised"),
+        (*FACTOR, "normalised"),
     ),
-    Cause("inverted", "the same with a factor below 0", "tone.summed", _FACTOR),
+    Cause("inverted", "the same with a factor below 0", "tone.summed", FACTOR),
     Cause("radial depth", _AXIS, "tone.radial"),
     Cause("planar depth", "along the axis instead of along rays", "tone.radial"),
     Cause(

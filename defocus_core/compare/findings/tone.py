@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness, summed_up
-from defocus_core.compare.findings.table import Finding
+from defocus_core.compare.findings.table import FACTOR, Finding
 from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.pairing import other_view
 from defocus_core.compare.picture import color_layers, layers
@@ -30,7 +30,6 @@ _KNOTS = 40  # of a tone curve
 _NEAR = 0.02  # greatest difference from a matrix of known primaries
 _SAME = 2e-3  # greatest relative difference from the limit of what was clipped
 _CUT = 0.95  # least share of the pixels beyond the limit that are at it
-_BELOW = 0.97  # factor of the limit, beyond which values were not cut off
 _MORE = 1.05  # factor by which cut-off values exceed the limit
 _SEVERAL = 3  # least number of cut-off values
 _MOST_IDS = 2000
@@ -44,16 +43,11 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
         (_, high), (_, limit) = (_ends(pixels, side, layer) for side in (0, 1))
         if not (math.isfinite(high) and high > _MORE * limit > 0):
             continue
-        planes = [[pixels.plane(side, name) for name in layer] for side in "ab"]
-        over = [a > (1 + _SAME) * limit for a in planes[0]]
-        old, new = (
-            np.concatenate([v[mask].astype("f8") for v, mask in zip(side, over, strict=True)])
-            for side in planes
-        )
+        planes = [(pixels.plane("a", name), pixels.plane("b", name)) for name in layer]
+        over = [(a[mask], b[mask]) for a, b in planes for mask in [a > (1 + _SAME) * limit]]
+        old, new = (np.concatenate(side).astype("f8") for side in zip(*over, strict=True))
         cut = np.abs(new - limit) <= _SAME * limit
-        # Coarse levels have no value just below their highest.
-        below = any(((b > _BELOW * limit) & (b < (1 - _SAME) * limit)).any() for b in planes[1])
-        several = below and np.count_nonzero(cut & (old < 0.98 * high)) >= _SEVERAL
+        several = np.count_nonzero(cut & (old < 0.98 * high)) >= _SEVERAL
         if cut.size and cut.mean() >= _CUT and (several or abs(limit - 1.0) <= _SAME):
             name = f"clipped at {limit:.4g}"
             return [Finding(name, name, {"limit": limit, "values": cut.size})]
@@ -62,11 +56,11 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
 
 def may_be_cut_below(pixels: Pixels) -> bool:
     """Whether several values of B equal its minimum, and A has lower ones."""
-    for name in pixels.names:
-        old, new = (_ends(pixels, side, [name])[0] for side in (0, 1))
-        if old < new and np.count_nonzero(pixels.plane("b", name) == new) >= _SEVERAL:
-            return True
-    return False
+    old, new = pixels.ranges
+    return any(
+        old[name][0] < low and np.count_nonzero(pixels.plane("b", name) == low) >= _SEVERAL
+        for name, (low, _) in new.items()
+    )
 
 
 def _ends(pixels: Pixels, side: int, names: Sequence[str]) -> tuple[float, float]:
@@ -92,33 +86,25 @@ def empty(evidence: Evidence) -> Iterator[Explanation]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
     top, left, bottom, right = evidence.window
     cut = (slice(top, bottom), slice(left, right))
-    were, values = ([evidence.pixels.plane(side, n)[cut] for n in evidence.names] for side in "ab")
-    if values[0].size < 9 or any((value != value[0, 0]).any() for value in values):
+    old, new = (evidence.values_at(side, *cut) for side in "ab")
+    first = new[:, :1, :1]
+    if new[0].size < 9 or (new != first).any() or (old == old[:, :1, :1]).all():
         return
-    if all((value == value[0, 0]).all() for value in were) and any(v.any() for v in values):
-        return  # A has no content there that B could lack
-    where = f"within {right - left}x{bottom - top} at {left},{top}"
+    level = ", ".join(f"{n} {v:g}" for n, v in zip(evidence.names, first.ravel(), strict=True))
     if all(low == high for low, high in (evidence.pixels.ranges[1][n] for n in evidence.names)):
-        where = "everywhere"
-    elif any(value.any() for value in values):
-        return
-    firsts = zip(evidence.names, values, strict=True)
-    level = ", ".join(f"{name} {float(value[0, 0]):g}" for name, value in firsts)
-    yield Explanation(0.0, "empty", f": {level} {where}")
+        yield Explanation(0.0, "empty", f": {level} everywhere")
+    elif not first.any():
+        where = f"within {right - left}x{bottom - top} at {left},{top}"
+        yield Explanation(0.0, "empty", f": {level} {where}")
 
 
 def clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
-    (low, high), (minimum, maximum) = (
-        _ends(evidence.pixels, side, evidence.names) for side in (0, 1)
-    )
-    ways = [(-math.inf, maximum, "")] * (high > maximum)
-    ways += [(minimum, math.inf, " from below")] * (low < minimum)
-    if len(ways) == 2:
-        ways.append((minimum, maximum, f" and, from below, at {minimum:.4g}"))
-    for least, most, how in ways:
-        limit = least if most == math.inf else most
+    old, new = (_ends(evidence.pixels, side, evidence.names) for side in (0, 1))
+    ways = [(-math.inf, new[1], new[1], "")] * (old[1] > new[1])
+    ways += [(new[0], math.inf, new[0], " from below")] * (old[0] < new[0])
+    for least, most, limit, how in ways:
         if len(np.unique(a[(a < least) | (a > most)])) >= _SEVERAL:  # a factor makes one of one
             name, values = f"clipped at {limit:.4g}", {"limit": limit}
             yield evidence.explain(a.clip(least, most), name, how, values)
@@ -181,9 +167,6 @@ def exchanged(evidence: Evidence) -> Iterator[Explanation]:
         if set(there) <= set(known) and tuple(there) != names:
             values = dict(zip(names, there, strict=True)) if name[0] == "c" else {}
             yield evidence.explain(evidence.values_at("a", rows, columns, there), name, how, values)
-    if (width := evidence.size[1]) % 2 == 0:
-        half = evidence.values_at("a", rows, (columns + width // 2) % width)
-        yield evidence.explain(half, "left and right swapped", ": the halves of the picture")
 
 
 def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
@@ -244,8 +227,9 @@ class _Scale:
 
     def words(self, factor: float, constant: float) -> str:
         """The numbers of a sum."""
-        if self.name == "another exposure":
-            return f"x {factor:.4g} ({math.log2(max(factor, 1e-9)):+.3g} EV)"
+        if self.name in FACTOR:
+            stops = f" ({math.log2(max(factor, 1e-9)):+.3g} EV)"
+            return f"x {factor:.4g}" + stops * (self.name == FACTOR[0])
         if self.name == "another gamma":
             light = f", exposure x {math.exp(constant):.4g}" * (abs(constant) > _SLIGHTLY)
             return f"to the power {factor:.4g}{light}"
@@ -259,7 +243,7 @@ def summed(evidence: Evidence) -> Iterator[Explanation]:
     each = [slice(k, k + 1) for k in range(len(names))]
     for scale, cuts in product(_scales(evidence), ([slice(None)], each)[: len(names)]):
         (old, new), numbers = scale.sides, np.tile([1.0, 0.0], (len(names), 1))
-        columns = [old, np.ones_like(old)][: 1 if scale.name == "another exposure" else 2]
+        columns = [old, np.ones_like(old)][: 1 if scale.name in FACTOR else 2]
         for cut in cuts:
             some = [column[cut] for column in columns]
             numbers[cut, : len(some)] = summed_up(some, new[cut], scale.weights[cut])
@@ -286,13 +270,13 @@ def summed(evidence: Evidence) -> Iterator[Explanation]:
 
 def _scales(evidence: Evidence) -> Iterator[_Scale]:
     """The scales on which B may be a A + b."""
-    stored, color = evidence.sampled, evidence.pixels.color
+    stored, color = evidence.sampled, evidence.is_light
     low, is_wider = _ends(evidence.pixels, 1, evidence.names)[0], _exceeds(evidence)
     fits = evidence.fits & evidence.steady
     inner = fits & (stored[1] > low) & (evidence.is_linear | (stored[1] < 0.996))
     chosen, light = np.sqrt(evidence.weights) * inner, tuple(map(evidence.light, stored))
     weights, of = chosen * steepness(light[0]), " of light" if color else " of its values"
-    yield _Scale("another exposure", light, weights, evidence.stored)
+    yield _Scale(FACTOR[not color], light, weights, evidence.stored)
     yield _Scale("offset or contrast", light, weights, evidence.stored, of)
     if color:
         shown, of = tuple(map(evidence.scaled, stored)), " of what a screen shows"
@@ -303,22 +287,18 @@ def _scales(evidence: Evidence) -> Iterator[_Scale]:
         inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
         for old, of in ((a, ""), (inverse, " of the inverse")):
             yield _Scale("normalised", (old, b), between, unit, of)
-    curves: list[tuple[_Curve, _Curve, str]] = [(np.asarray, np.asarray, "")]
-    if evidence.gamma == 1.0 and color:
-        curves.append((linear_to_srgb, _decoded, ", sRGB-encoded"))
-    for curve, back, of in curves:
-        a, b = (curve(np.clip(v, 0, 1) if of and is_wider else v) for v in stored)
-        logs = tuple(np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in (a, b))
-        weights = ((a > 0.02) & (b > 0.02) & fits) * np.sqrt(a.clip(0, 1))
+    a, b = stored
+    logs = tuple(np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in stored)
+    weights = ((a > 0.02) & (b > 0.02) & fits) * np.sqrt(a.clip(0, 1))
 
-        def power(logs: Any, a: Any = a, back: _Curve = back) -> Any:
-            return back((np.sign(a) * np.exp(logs.clip(-80, 69))).astype(np.float32))
+    def power(logs: Any) -> Any:
+        return (np.sign(a) * np.exp(logs.clip(-80, 69))).astype(np.float32)
 
-        yield _Scale("another gamma", logs, weights, power, of)
+    yield _Scale("another gamma", logs, weights, power)
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """R, G and B of the only layer, in light or in sRGB values, mixed by a matrix."""
+    """R, G and B of the only layer, of light or as a screen shows them, mixed by a matrix."""
     found = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if evidence.is_small or len(found) != 1 or not set(evidence.names) <= set(found[0]):
         return
@@ -330,55 +310,39 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     least = -math.inf
     if float(stored[1].min()) >= 0.0:  # negative results may have become 0
         least, weights = 0.0, weights * (stored[1] > 0.0).all(axis=0)
-    luma, each = np.tile(LUMINANCE, (3, 1)), weights * steepness(light[0])
-    rows = zip(light[1], each, strict=True)
-    mixed = np.stack([summed_up(list(light[0]), to, weight) for to, weight in rows])
-    ways: list[tuple[list[NDArray[Any]], NDArray[Any], _Curve, str]]
-    ways = [(light, mixed, evidence.stored, _primaries(mixed))]
-    for sides, weight, back, of in (
-        (light, each, evidence.stored, ""),
-        (shown, weights, evidence.unscaled, " of what a screen shows"),
+    for (old, new), slope, back, of in (
+        (light, steepness(light[0]), evidence.stored, ""),
+        (shown, np.ones((3, 1)), evidence.unscaled, " of what a screen shows"),
     ):
-        grey = [luma @ side for side in sides]
-        factor = float(summed_up([sides[0] - grey[0]], sides[1] - grey[0], weight)[0])
-        if abs(factor) > _NEAR:
-            matrix, how = luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}"
-            ways.insert(-1, (sides, matrix, back, how))
-    for sides, matrix, encode, how in ways:
-        there = np.asarray(encode(np.maximum(matrix @ sides[0], least))[kept], np.float32)
-        how, values = f": {how}", {"matrix": matrix.tolist()}
-        name = "primaries or saturation"
-        yield evidence.explain(there, name, how, values, follows_rounding=True)
+        rows = zip(new, weights * slope, strict=True)
+        matrix = np.stack([summed_up(list(old), to, weight) for to, weight in rows])
+        there = np.asarray(back(np.maximum(matrix @ old, least))[kept], np.float32)
+        how, values = f": {_mixture(matrix)}{of}", {"matrix": matrix.tolist()}
+        yield evidence.explain(there, "primaries or saturation", how, values)
 
 
-def _primaries(matrix: NDArray[Any]) -> str:
-    """Words for a matrix of linear light."""
-    if np.ptp(matrix, axis=0).max() < _NEAR:
-        shares = zip("RGB", matrix.mean(axis=0), strict=True)
-        return "monochrome, " + " ".join(f"{s:+.2f} {n}" for n, s in shares).lstrip("+")
-    apart = {
-        f"{new} instead of {old}": float(np.abs(known - matrix).max())
-        for old, new in permutations(NAMED, 2)
-        if (known := between_primaries(NAMED[old], NAMED[new])) is not None
-    }
-    nearest = min(apart, key=lambda pair: apart[pair])
+def _mixture(matrix: NDArray[Any]) -> str:
+    """Words for a matrix of channels."""
+    luma, factor = np.tile(LUMINANCE, (3, 1)), (np.trace(matrix) - 1) / 2
+    known = {f"saturation x {round(factor, 2) + 0.0:g}": luma + factor * (np.eye(3) - luma)}
+    for old, new in permutations(NAMED, 2):
+        if (between := between_primaries(NAMED[old], NAMED[new])) is not None:
+            known[f"{new} instead of {old}"] = between
+    apart = {words: float(np.abs(each - matrix).max()) for words, each in known.items()}
+    nearest = min(apart, key=lambda words: apart[words])
     return nearest if apart[nearest] < _NEAR else "channels mixed by a matrix"
 
 
 def curve(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
-    if evidence.is_small:
-        return
+    """B is a curve of A that rises everywhere, the same for all channels."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
-    fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
-    curves = [_curved(a, b, fits)], [_curved(*sides) for sides in zip(a, b, fits, strict=True)]
-    for how, each in zip(("", " of each channel"), curves, strict=True):
-        if all(curve is not None for curve in each):
-            there = evidence.unscaled(np.stack(each).reshape(a.shape))
-            fit = evidence.explain(
-                *(there, "another tone curve", how), where=evidence.steady, follows_rounding=True
-            )
-            yield replace(fit, but_noise=math.inf)  # a curve follows much else
+    used = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
+    there = None if evidence.is_small else _curved(a, b, used)
+    if there is not None:
+        values = evidence.unscaled(there)
+        fit = evidence.explain(values, "another tone curve", where=evidence.steady)
+        left = math.hypot(fit.left, evidence.rounding / evidence.rms)  # a curve follows rounding
+        yield replace(fit, left=left, but_noise=math.inf)  # and much else
 
 
 def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:

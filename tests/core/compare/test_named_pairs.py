@@ -25,7 +25,7 @@ def test_the_help_has_the_rows_of_the_table():
 _STRONG = (
     *("depth normalised", "radial depth", "light missing", "grey object"),
     *("right half moved", "blurred tile", "object moved", "blue enlarged", "JPEG", "inverted, PNG"),
-    *("focus moved", "gain of tiles", "smeared", "overscan cropped", "denoised tile"),
+    *("focus moved", "gain of tiles", "overscan cropped", "denoised tile"),
     *("grain, PNG", "specks, PNG", "dark border, PNG", "moved by sinc", "sharpened, PNG"),
 )
 
