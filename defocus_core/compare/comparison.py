@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from filecmp import cmp
 from os import PathLike
@@ -162,7 +162,11 @@ def _judged(
 ) -> Comparison:
     """The record with the results of the pixels, and the verdict."""
     nonfinite, differing = count_nonfinite(pixels, corner), pixels.differ
-    metrics = _measured(pixels, rules, settings)
+    metrics: Mapping[str, float] = equal_metrics(pixels)
+    if differing:
+        metrics = measure(pixels, over=rules.over, asked=rules.asked or None)
+    if settings.flip:
+        metrics = {**metrics, **measure_flip(pixels)}
     findings, causes = [*record.findings, *nonfinite.findings], None
     if differing:
         findings += [*lost_channels(pixels), *clipped_light(pixels)]
@@ -174,7 +178,7 @@ def _judged(
             named = {name.split(" at ")[0] for name in found}
             causes = diagnose(pixels, *sides, corner)
             findings += [cause for cause in causes if cause.name.split(" at ")[0] not in named]
-        if suspect:
+        if suspect and rules.asked:
             metrics = {**measure(pixels, over=rules.over), **metrics}
     overlooked = verdict.overlooked(rules, pixels)
     of = ", ".join(overlooked)
@@ -193,16 +197,6 @@ def _judged(
     if record.status == DIFFERENT and unexplained and not strict:
         record = replace(record, proposal=verdict.proposal(rules, metrics))
     return _placed(record, pixels, corner) if differing or nonfinite.apart is not None else record
-
-
-def _measured(pixels: Pixels, rules: Rules, settings: CompareSettings) -> dict[str, float]:
-    """The metrics that rules and settings need."""
-    metrics = dict(
-        measure(pixels, over=rules.over, asked=rules.asked)
-        if pixels.differ
-        else equal_metrics(pixels)
-    )
-    return metrics | measure_flip(pixels) if settings.flip else metrics
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:

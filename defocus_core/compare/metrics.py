@@ -9,7 +9,7 @@ infinite in A or B are left out, as they are judged separately.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -67,23 +67,13 @@ _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the 
 _BLOCK, _DETAIL = 32, 0.01  # px on a side of blocks; least standard deviation of detail
 
 
-def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
-    """sRGB-encoded values, clipped to 0…1; NaN becomes 0."""
-    if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
-        return _of_halves(encoded, 1.0).take(plane.view(np.uint16))
-    values = np.clip(np.nan_to_num(np.asarray(plane, np.float32), nan=0.0), 0.0, 1.0)
-    if gamma is None:
-        return values
-    return linear_to_srgb(values if gamma == 1.0 else values ** np.float32(gamma))
-
-
 def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
     """Linear light on a scale without bounds: sRGB up to 1, with the same slope logarithmic beyond.
 
     A negative value is the mirror image of a positive one.
     """
     if light.dtype == np.float16:  # a hundred times as fast for 16 bits
-        return _of_halves(unclipped).take(light.view(np.uint16))
+        return _of_halves().take(light.view(np.uint16))
     magnitude = np.abs(np.asarray(light, np.float32))
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         shown = linear_to_srgb(np.minimum(magnitude, np.float32(1.0)))
@@ -92,8 +82,14 @@ def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
 
 
 @cache
-def _of_halves(curve: Callable[..., NDArray[np.float32]], *args: float) -> NDArray[np.float32]:
-    return curve(halves(), *args)
+def _of_halves() -> NDArray[np.float32]:
+    return unclipped(halves())
+
+
+def _shown(pixels: Pixels, side: str, name: str, *cut: slice) -> NDArray[np.float32]:
+    """A channel of colour as a screen shows it, without bounds."""
+    plane = pixels.plane(side, name)[cut]
+    return unclipped(plane) if pixels.gamma == 1.0 else np.asarray(plane, np.float32)
 
 
 def measure(
@@ -111,7 +107,7 @@ def measure(
         return {}
     total, channels = int(count), len(pixels.names)
     differences = pixels.differences
-    rmse = math.sqrt(differences.squares / (total * channels))
+    rmse = math.sqrt(sum(differences.squares.values()) / (total * channels))
     metrics = {
         "max": max(differences.largest.values()),
         "mean": differences.magnitude / (total * channels),
@@ -144,9 +140,8 @@ def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
     a, b = np.zeros((2, height, _BLOCK, width, _BLOCK), np.float32)
     for name in layer:
         for side, total in (("a", a), ("b", b)):
-            plane = pixels.plane(side, name)[cut]
-            plane = unclipped(plane) if pixels.gamma == 1.0 else np.asarray(plane, "f4")
-            total += np.nan_to_num(plane).reshape(a.shape) * np.float32(_LUMA[name[-1]])
+            plane = np.nan_to_num(_shown(pixels, side, name, *cut)).reshape(a.shape)
+            total += plane * np.float32(_LUMA[name[-1]])
     b -= a
     if pixels.finite is not None:
         b *= pixels.finite[cut].reshape(b.shape)
@@ -174,25 +169,30 @@ def _similarity(pixels: Pixels) -> dict[str, float]:
 def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
     """The hdr metrics and, if ``shown``, PSNR, which has the same values, clipped to 1."""
     colors = {name for layer in pixels.color for name in layer}
-    greatest = np.zeros(pixels.shape, np.float32)
-    squares, of_screen = 0.0, dict.fromkeys(pixels.names, 0.0)
-    for rows in pixels.strips():
+    differences = pixels.differences
+    greatest, squares, of_screen = differences.greatest, differences.squares, differences.squares
+    if pixels.gamma == 1.0 and colors:  # else values are those of a screen
+        greatest = np.zeros(pixels.shape, np.float32)
+        squares, of_screen = (dict.fromkeys(pixels.names, 0.0) for _ in "12")
+    for rows in pixels.strips() if squares is not of_screen else ():
         out = None if pixels.finite is None else ~pixels.finite[rows]
-        for name, *sides in zip(pixels.names, pixels.a, pixels.b, strict=True):
-            scaled = name in colors and pixels.gamma == 1.0
-            a, b = (unclipped(s[rows]) if scaled else np.asarray(s[rows], "f4") for s in sides)
+        for name in pixels.names:
+            a, b = (
+                _shown(pixels, side, name, rows)
+                if name in colors
+                else np.asarray(pixels.plane(side, name)[rows], np.float32)
+                for side in "ab"
+            )
             difference = _difference(a, b, out)
-            squares += float(np.square(difference).sum(dtype=np.float64))
+            squares[name] += float(np.square(difference).sum(dtype=np.float64))
             np.maximum(greatest[rows], np.abs(difference, out=difference), out=greatest[rows])
             if shown and name in colors:
-                if pixels.gamma not in (None, 1.0):
-                    a, b = (encoded(side, pixels.gamma) for side in (a, b))
                 difference = _difference(np.clip(a, 0, 1), np.clip(b, 0, 1), out)
                 of_screen[name] += float(np.square(difference).sum(dtype=np.float64))
     metrics = {
         "hdr-max": float(greatest.max()),
         "hdr-p99.9": _percentile(greatest, pixels.finite),
-        "hdr-psnr": psnr(squares / (total * len(pixels.names))),
+        "hdr-psnr": psnr(sum(squares.values()) / (total * len(pixels.names))),
     }
     if shown and colors:
         means = [sum(of_screen[n] for n in layer) / (total * len(layer)) for layer in pixels.color]
@@ -209,7 +209,7 @@ def _difference(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None)
 
 
 def _luma_of(pixels: Pixels, side: str, layer: Sequence[str], rows: slice) -> NDArray[np.float64]:
-    planes = (encoded(pixels.plane(side, name)[rows], pixels.gamma) for name in layer)
+    planes = (np.nan_to_num(_shown(pixels, side, name, rows)).clip(0, 1) for name in layer)
     shares = (np.float32(_LUMA[name[-1]]) for name in layer)
     return np.asarray(sum(map(np.multiply, planes, shares)), np.float64)
 

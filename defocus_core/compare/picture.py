@@ -288,8 +288,8 @@ def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
         names = [f"{dotted}{name}" for name in page.channels]
         if len(set(names)) < len(names):
             names = [f"{dotted}channel {index}" for index in range(len(names))]
-        pixels = unit(read_samples(path, page.page))
-        planes |= {name: pixels[:, :, index] for index, name in enumerate(names)}
+        samples = read_samples(path, page.page)
+        planes |= {name: unit(samples[:, :, index]) for index, name in enumerate(names)}
         types |= dict.fromkeys(names, page.type)
     first = pages[0]
     metadata = {name: str(tag.value)[:_LONGEST] for name, tag in first.tags.items()}

@@ -46,7 +46,7 @@ class Differences:
     greatest: NDArray[Any]  # the greatest absolute difference of the channels of each pixel, [H, W]
     largest: dict[str, float]  # the greatest absolute difference of each channel
     magnitude: float  # the sum of all absolute differences
-    squares: float  # the sum of all squared differences
+    squares: dict[str, float]  # the sum of the squared differences of each channel
     level: float  # the sum of the absolute values of A, where differences count
 
 
@@ -113,7 +113,7 @@ class Pixels:
         """The differences in numbers, from one pass over all pixels."""
         greatest = np.zeros(self.shape, self._type)
         largest = dict.fromkeys(self.names, 0.0)
-        magnitude = squares = level = 0.0
+        squares, magnitude, level = dict.fromkeys(self.names, 0.0), 0.0, 0.0
         same = all(  # comparing integers is faster
             a.dtype == b.dtype
             and np.array_equal(a.view(f"u{a.itemsize}"), b.view(f"u{a.itemsize}"))
@@ -130,7 +130,7 @@ class Pixels:
                 largest[name] = max(largest[name], float(values.max()))
                 np.maximum(greatest[rows], values, out=greatest[rows])
                 magnitude += float(values.sum(dtype=np.float64))
-                squares += float(np.square(values, out=values).sum(dtype=np.float64))
+                squares[name] += float(np.square(values, out=values).sum(dtype=np.float64))
         return Differences(greatest, largest, magnitude, squares, level)
 
     def _numbers(self, plane: NDArray[Any]) -> NDArray[Any]:

@@ -86,12 +86,14 @@ class Evidence:
 
         The second half are the neighbours of the first, in the same order.
         """
-        number, differ = math.prod(self.size), np.flatnonzero(self.pixels.greatest > 0)
-        every = np.arange(number)
-        if number > _SAMPLES:
-            generator = np.random.default_rng(0)
-            ends = [generator.integers(n, size=_SAMPLES // 2) for n in (differ.size, number)]
-            every = np.concatenate([differ[ends[0]], ends[1]])
+        greatest = self.pixels.greatest.ravel()
+        every = np.arange(greatest.size) if greatest.size <= _SAMPLES else None
+        if every is None:
+            drawn = np.random.default_rng(0).integers(greatest.size, size=(16, _SAMPLES // 2))
+            differ = drawn[greatest[drawn] > 0][: _SAMPLES // 2]
+            if differ.size < _SAMPLES // 2:  # as few differ
+                differ = np.resize(np.flatnonzero(greatest), _SAMPLES // 2)
+            every = np.concatenate([differ, drawn[-1]])
         rows, columns = np.unravel_index(every, self.size)
         beside = np.where(columns + 1 < self.size[1], columns + 1, columns - 1).clip(0)
         return np.tile(rows, 2), np.concatenate([columns, beside])

@@ -86,16 +86,20 @@ def empty(evidence: Evidence) -> Iterator[Explanation]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
     top, left, bottom, right = evidence.window
     cut = (slice(top, bottom), slice(left, right))
-    old, new = (evidence.values_at(side, *cut) for side in "ab")
-    first = new[:, :1, :1]
-    if new[0].size < 9 or (new != first).any() or (old == old[:, :1, :1]).all():
+    old, new = ([evidence.pixels.plane(side, n)[cut] for n in evidence.names] for side in "ab")
+    if new[0].size < 9 or not all(map(_is_one, new)) or all(map(_is_one, old)):
         return
-    level = ", ".join(f"{n} {v:g}" for n, v in zip(evidence.names, first.ravel(), strict=True))
+    firsts = [float(values[0, 0]) for values in new]
+    level = ", ".join(f"{n} {v:g}" for n, v in zip(evidence.names, firsts, strict=True))
     if all(low == high for low, high in (evidence.pixels.ranges[1][n] for n in evidence.names)):
         yield Explanation(0.0, "empty", f": {level} everywhere")
-    elif not first.any():
+    elif not any(firsts):
         where = f"within {right - left}x{bottom - top} at {left},{top}"
         yield Explanation(0.0, "empty", f": {level} {where}")
+
+
+def _is_one(values: NDArray[Any]) -> bool:
+    return bool((values == values[0, 0]).all())
 
 
 def clipped(evidence: Evidence) -> Iterator[Explanation]:
