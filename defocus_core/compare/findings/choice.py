@@ -32,7 +32,7 @@ _LAST_BITS = 2e-5  # largest difference, invisible on any scale, that another ma
 _HALF = 0.5**0.5  # greatest residual by that of a rival: half in squares
 _SIMPLER = 0.5  # the same by that of a simpler case
 _LEFT_OF_FEW = 0.06  # the same for a picture of few pixels
-_WEAK = 0.35  # residual above which a fit yields to one by looks
+_WEAK = 0.35  # residual above which a fit yields to one by looks, and to a patch
 _BESIDE_NOISE = 0.15  # the same beside noise, as far as it can be measured
 _ALL = 2e-3  # residual of a complete explanation: the first such cause is named
 _NEARLY_ALL = 0.15  # residual of a model, at which those of further modules are not tried
@@ -81,7 +81,9 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
     for fit in _fits(evidence, looks=True):
         if _is_enough(fit, evidence) and fit.left <= most:
             return fit, ()
-    return chosen, good[:2] if chosen is None and len(good) > 1 else ()
+    if chosen is not None:
+        return None if evidence.is_patch else chosen, ()
+    return None, good[:2] if len(good) > 1 else ()
 
 
 def _chosen(

@@ -28,6 +28,7 @@ _FRAME = 448  # px on a side of the part that is analysed as a whole
 _LARGE = 0.5  # difference beyond which the weight of a pixel does not grow
 _BLOCK = 16  # px of alternating blocks: one chooses parameters, the next measures
 _LARGEST = 1e30  # greatest value: beyond it, arithmetic in float32 overflows
+_PART_OF = 0.6  # greatest share of a picture in the rectangle of a patch
 _SMOOTH = 0.1  # least share of a difference that neighbours have in common
 _LESS = 0.98  # greatest residual of a model beside noise
 _SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
@@ -242,6 +243,14 @@ class Evidence:
         """The first row and column that differ, and those after the last."""
         rows, columns = (np.flatnonzero((self.pixels.greatest > 0).any(axis=k)) for k in (1, 0))
         return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
+
+    @cached_property
+    def is_patch(self) -> bool:
+        """Whether a part of the picture differs, and most pixels in its rectangle do."""
+        top, left, bottom, right = self.window
+        within = (bottom - top) * (right - left)
+        differing = np.count_nonzero(self.pixels.greatest)
+        return within <= _PART_OF * math.prod(self.size) and differing > within / 2
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:

@@ -33,7 +33,6 @@ _BRIGHT, _BRIGHT_ON_SCREEN = 1.0, 0.9  # steps of a screen
 _STEEPEST = 0.9  # quantile of the gradient beyond which there is an edge
 _JUMP = 0.05  # of the range of inverse depth
 _BORDERS = (1, 2, 4, 8, 16)  # px
-_PART_OF = 0.6  # greatest share of the picture in a region that holds all
 _TAILS = 0.06  # share of the difference that lies beyond each end of a region
 _ONE_SIGN = 0.9  # share of the squared difference that makes it brighter, or darker
 _DEPTHS = ("Z", "depth.Z", "depth")  # channels
@@ -59,10 +58,7 @@ def place_of(
     ends = zip(corner[::-1], evidence.size, strict=True)
     within = tuple(slice(at, at + length) for at, length in ends)
     ways = [_by_frame(evidence, power * ~measures, cut)]
-    top, left, bottom, right = evidence.window
-    window = (bottom - top) * (right - left)
-    solid = np.count_nonzero(evidence.pixels.greatest) > window / 2
-    if not solid or window > _PART_OF * math.prod(evidence.size):
+    if not evidence.is_patch:
         ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
     for name, how, mask in chain.from_iterable(ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
@@ -130,7 +126,7 @@ def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
         outer[wide:-wide, wide:-wide] = False
         yield "at the border", f", within {wide} px", outer[cut]
     top, left, bottom, right = evidence.window
-    if (bottom - top) * (right - left) > _PART_OF * math.prod(size):
+    if 2 * (bottom - top) * (right - left) > math.prod(size) and not evidence.is_patch:
         totals = [power.sum(axis=axis).cumsum() for axis in (1, 0)]
         ends = [np.searchsorted(t, (_TAILS * t[-1], (1 - _TAILS) * t[-1])) for t in totals]
         (top, bottom), (left, right) = ((int(v[0]) * step, int(v[1] + 1) * step) for v in ends)

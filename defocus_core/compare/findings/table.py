@@ -31,8 +31,10 @@ _LINEAR = (*FACTOR, "channels swapped", "premultiplication")
 _TONES = (*_LINEAR, "offset or contrast", "inverted", "another gamma", "clipped", "normalised")
 _MOVED = ("shifted", "scaled")
 _AXIS = "along rays instead of along the axis, by which focal length"
-_VIEW = "B is the other view: a file `left`/`right` beside A, channels, or halves of the picture"
-_MIXED = "a matrix: which primaries, the factor, or grey"
+_VIEW = "B is the other view: a file `left`/`right` beside A, or channels"
+_MIXED = "a matrix: which primaries, or the factor"
+_SUM = "A times a factor, and a constant: of light or of a screen"
+_ALPHA = "colour divided or multiplied by alpha once more"
 _COC = "either, where metadata, recipes or CoC maps say so"
 CAUSES = (
     # Values in place.
@@ -44,29 +46,15 @@ CAUSES = (
     Cause("left and right swapped", _VIEW, "tone.exchanged"),
     Cause("layers exchanged", "channels of one layer in the place of another", "tone.exchanged"),
     Cause("ids exchanged", "the same numbers, in other places", "tone.exchanged_ids"),
-    Cause(
-        "another exposure",
-        "brighter or darker: the factor, of all channels or of each",
-        "tone.summed",
-    ),
+    Cause("another exposure", "brighter or darker: the factor, of all or of each", "tone.summed"),
     Cause("multiplied", "the same of channels that are not light, like depth", "tone.summed"),
     Cause("normalised", "0…1 of other numbers, like depth; or their inverse", "tone.summed"),
     Cause("another gamma", "the power; sRGB encoded or decoded once more", "tone.summed", FACTOR),
-    Cause(
-        "offset or contrast",
-        "A times a factor, and a constant: of light or of a screen",
-        "tone.summed",
-        (*FACTOR, "normalised"),
-    ),
+    Cause("offset or contrast", _SUM, "tone.summed", (*FACTOR, "normalised")),
     Cause("inverted", "the same with a factor below 0", "tone.summed", FACTOR),
     Cause("radial depth", _AXIS, "tone.radial"),
     Cause("planar depth", "along the axis instead of along rays", "tone.radial"),
-    Cause(
-        "premultiplication",
-        "colour divided or multiplied by alpha once more",
-        "tone.premultiplied",
-        light=True,
-    ),
+    Cause("premultiplication", _ALPHA, "tone.premultiplied", light=True),
     Cause("primaries or saturation", _MIXED, "tone.mixed_channels", _LINEAR, light=True),
     Cause("another tone curve", "a curve that rises", "tone.curve", _TONES, light=True),
     # Places.
@@ -79,21 +67,15 @@ CAUSES = (
     # Patterns.
     Cause("fireflies or few pixels", "how many, brighter or darker", "traces.sparks"),
     # Sharpness.
-    Cause("softer", "blurred or denoised, by how many px", "softness.softened", _MOVED, 0.6),
+    Cause(
+        "softer", "blurred, by how many px, or without its noise", "softness.softened", _MOVED, 0.6
+    ),
     Cause("sharper", "the reverse, or more detail", "softness.softened", _MOVED, 0.6),
     Cause("another CoC", _COC, "softness.softened", _MOVED, 0.6),
     Cause("lower resolution", "of which size", "softness.softened", left=0.25),
     # Known by the looks of a difference.
-    Cause(
-        "compressed with losses",
-        "blocks of 8 px, or the header",
-        "traces.compressed",
-        left=0.8,
-        looks=True,
-    ),
-    Cause(
-        "seams", "on lines of a period, or tiles of another exposure", "traces.seams", looks=True
-    ),
+    Cause("compressed with losses", "blocks of 8 px", "traces.compressed", left=0.8, looks=True),
+    Cause("seams", "lines of a period, or tiles of another exposure", "traces.seams", looks=True),
     Cause("noise", "added, or in another pattern", "traces.noise", looks=True),
 )
 LEFT = {row.name: row.left for row in CAUSES}
