@@ -208,10 +208,12 @@ class Evidence:
         values: Mapping[str, Any] | None = None,
         *,
         where: NDArray[np.bool_] | None = None,
+        follows_rounding: bool = False,
     ) -> Explanation:
         """The explanation by a prediction of B at the samples [C, N].
 
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
+        `follows_rounding`: whether the model may have learnt how values were rounded.
         """
         used = self.weights * (~self.fits if where is None else ~self.fits & where)
         used = np.broadcast_to(used, predicted.shape)
@@ -220,6 +222,7 @@ class Evidence:
             aim, whole = self._aim
             rest = self.scaled(predicted.astype(np.float32)) - aim
             power, rest_power = (float((used * v * v).sum()) for v in (whole, rest))
+            rest_power += follows_rounding * float(used.sum()) * self.rounding**2
             left = math.sqrt(rest_power / power) if power else math.inf
             common, rest_common = (_common(used, v) for v in (whole, rest))
             contrast = float((used * np.square(aim - aim.mean())).sum())
@@ -250,7 +253,7 @@ class Evidence:
         top, left, bottom, right = self.window
         within = (bottom - top) * (right - left)
         differing = np.count_nonzero(self.pixels.greatest)
-        return within <= _PART_OF * math.prod(self.size) and differing > within / 2
+        return bool(within <= _PART_OF * math.prod(self.size) and differing > within / 2)
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:

@@ -13,7 +13,7 @@ from defocus_core.compare.findings.softness import keys
 
 _PEAKS = 3  # peaks of each correlation that are tried
 _EXPLAINED = 0.02  # residual below which no further move is searched
-_LEAST_PART = 0.02  # px of the largest move
+_LEAST_PART, _TOLD = 0.02, 0.1  # px of the largest move, and of a part of it that is told
 _CHOSEN, _STEPS = 1600, 8  # samples that choose a small move, and steps to it
 _AROUND = 1e-3  # px, step of the finite differences of a move
 
@@ -115,9 +115,8 @@ def _explained(evidence: Evidence, move: NDArray[Any]) -> Explanation:
     values = {"dx": right, "dy": down, "scale": 1 + out / (max(evidence.size) / 2)}
     # The sum makes 0 of −0.
     ways = ["shifted by ({:g}, {:g})".format(*(round(v, 2) + 0.0 for v in (right, down)))]
-    if abs(out) > _LEAST_PART:
-        shifts = np.hypot(right, down) > 5 * _LEAST_PART
-        ways = [f"scaled by {values['scale']:.5g}", *ways * bool(shifts)]
+    if abs(out) > _TOLD:
+        ways = [f"scaled by {values['scale']:.5g}", *ways * bool(np.hypot(right, down) > _TOLD)]
     name, space, how = " and ".join(ways).partition(" ")
     return evidence.explain(there, name, space + how, values, where=inside)
 

@@ -322,7 +322,8 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
         matrix = np.stack([summed_up(list(old), to, weight) for to, weight in rows])
         there = np.asarray(back(np.maximum(matrix @ old, least))[kept], np.float32)
         how, values = f": {_mixture(matrix)}{of}", {"matrix": matrix.tolist()}
-        yield evidence.explain(there, "primaries or saturation", how, values)
+        name = "primaries or saturation"
+        yield evidence.explain(there, name, how, values, follows_rounding=True)
 
 
 def _mixture(matrix: NDArray[Any]) -> str:
@@ -344,9 +345,10 @@ def curve(evidence: Evidence) -> Iterator[Explanation]:
     there = None if evidence.is_small else _curved(a, b, used)
     if there is not None:
         values = evidence.unscaled(there)
-        fit = evidence.explain(values, "another tone curve", where=evidence.steady)
-        left = math.hypot(fit.left, evidence.rounding / evidence.rms)  # a curve follows rounding
-        yield replace(fit, left=left, but_noise=math.inf)  # and much else
+        fit = evidence.explain(
+            values, "another tone curve", where=evidence.steady, follows_rounding=True
+        )
+        yield replace(fit, but_noise=math.inf)  # a curve follows much else
 
 
 def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:

@@ -32,7 +32,7 @@ _MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its RMS
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 _SHARED = 0.15  # least power common to the channels of noise, by that of each
-_UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise at a distance of one pixel
+_UNLIKE_NEIGHBOURS = 0.06  # greatest correlation of noise at a distance of one pixel
 _ADDED, _TAKEN, _MORE = 0.7, 0.3, 1.3  # shares of the power of noise that B has
 
 
