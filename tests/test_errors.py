@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 import torch
+from command_line import topic
 from renderers import renderer_of
 
-from defocus_cli.commands.help import text
 from defocus_core import (
     Aperture,
     CatEye,
@@ -63,8 +63,9 @@ def test_each_error_has_a_code_of_the_table_and_each_is_in_use():
 
 
 def test_the_help_has_the_table():
+    told = topic("exit-codes")
     for code, meaning in CODES.items():
-        assert f"| `{code}` | {meaning} |" in text("exit-codes")
+        assert f"| `{code}` | {meaning} |" in told
 
 
 def test_an_error_comes_home_from_a_worker_as_it_was():

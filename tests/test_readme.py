@@ -13,12 +13,11 @@ import pytest
 from command_line import color_exr, depth_exr, ramp, run, texture, write_exr
 from deep_files import write_deep_samples
 from elements import disc, element, write
+from jobs_files import Machine, Outputs, read_batch
 
 from defocus_cli.commands.help import TOPICS
 from defocus_core import read_color
 from defocus_core.io.images.encode import write_samples
-from defocus_core.request.job import Machine, Outputs
-from defocus_core.request.jobs_file import read_batch
 
 ROOT = Path(__file__).parents[1]
 HELP = ROOT / "defocus_cli" / "help"

@@ -141,6 +141,7 @@ def read_keys(file: Path) -> dict[str, dict[int, Given]]:
 
 def _of_table(table: Table) -> Iterator[_Key]:
     """The keys of ``[animate]``: for each option a table of values by frame."""
+    table.refuse_unknown((*LENS_OPTIONS, *keys_of(ANIMATION_OPTIONS)))
     for name, frames in table.values.items():
         if name in keys_of(ANIMATION_OPTIONS):
             continue

@@ -9,8 +9,7 @@ from command_line import header, read_exr, refused, run, succeed
 from elements import METRES, SIZE, disc, element, write, write_within
 from image_files import SCANLINE, box
 
-from defocus_core.io.exr.header import read_headers
-from defocus_core.io.exr.reading import read_parts
+from defocus_core import read_color
 
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
 FLOATS = ("--exr-type", "float")
@@ -33,7 +32,7 @@ def rgba(planes):
 
 def shown(file):
     """R, G, B and A over the display window."""
-    return rgba(read_parts(file)[0].channels)
+    return read_color(file).pixels.transpose(2, 0, 1)
 
 
 @pytest.mark.parametrize("said", [np.nan, -np.inf, 0.4], ids=str)
@@ -342,9 +341,9 @@ def test_the_output_has_the_window_of_the_input_grown_by_the_blur(tmp_path):
         succeed("render", path, "-o", tmp_path / out, *lens, *FLOATS, "--outputs", "render,left")
     for kind in ("render", "left"):
         found = tmp_path / "o" / kind / "a.exr"
-        data, display = read_headers(found)[0].data, read_headers(found)[0].display
-        assert (display.width, display.height) == (140, 120)
-        assert 56 - 12 <= data.x0 < 56
-        assert 83 < data.x1 <= 83 + 12
-        assert (56 - data.x0, 46 - data.y0) == (data.x1 - 83, data.y1 - 73)
+        (x0, y0), (x1, y1) = header(found)["dataWindow"]
+        assert shown(found).shape == (4, 120, 140)
+        assert 56 - 12 <= x0 < 56
+        assert 83 < x1 <= 83 + 12
+        assert (56 - x0, 46 - y0) == (x1 - 83, y1 - 73)
         np.testing.assert_allclose(shown(found), shown(tmp_path / "p" / kind / "a.exr"), atol=1e-5)

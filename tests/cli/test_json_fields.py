@@ -4,18 +4,15 @@ import re
 
 import numpy as np
 import pytest
-from command_line import LENS, color_exr, depth_exr, photograph, run, succeed, write_exr
+from command_line import LENS, color_exr, depth_exr, photograph, run, succeed, topic, write_exr
 from deep_files import write_deep_samples
 from elements import disc, element
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 
-from defocus_cli.commands.help import text
-from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.evaluation import lens_laws
-from defocus_core.picture.take import repair_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
 
-SECTIONS = dict(re.findall(r"(?ms)^## (.*?)\n(.*?)(?=^## |\Z)", text("json")))
+SECTIONS = dict(re.findall(r"(?ms)^## (.*?)\n(.*?)(?=^## |\Z)", topic("json")))
 COMMANDS = [
     name.strip("`").removeprefix("defocus ")
     for name in SECTIONS
@@ -107,7 +104,8 @@ def test_the_topic_names_each_field_of_a_command_and_no_other(command, desk, mon
     assert found - {"defocus"} - held == known - held
 
 
-def test_the_topic_names_each_value_of_a_lens_and_of_a_repair():
+def test_the_topic_names_each_value_of_a_lens_and_of_a_repair(desk):
     beside = {"focus_at_px", "focus_percentile", "draw"}
     assert documented("A lens") == {*RECORDED, *EFFECT_OPTIONS} | beside
-    assert documented("A repair of depth") == repair_record(DepthRepair()).keys()
+    ran = succeed("render", desk / "a_rgb.exr", desk / "a_z.exr", *LENS, "--dry-run", "--json")
+    assert documented("A repair of depth") == ran.json["pictures"][0]["depth_repair"].keys()

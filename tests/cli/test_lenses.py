@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from command_line import header, pair, refused, run, succeed
+from image_files import samples_of
 from jobs_files import option
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
-from defocus_core.io.images.raster import read_samples
 from defocus_core.request.lens_files import shipped_lenses
 from defocus_core.request.picture_lenses import PictureLenses
 
@@ -45,7 +45,7 @@ def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path):
 def test_a_contact_sheet_shows_another_look_of_each(tmp_path):
     sheet = tmp_path / "sheet.png"
     succeed("lenses", "-o", sheet)
-    pixels = read_samples(sheet)
+    pixels = samples_of(sheet)
     assert pixels.shape[:2] == (226 * -(-len(LENSES) // 3), 900)
     tiles = [pixels[226 * (i // 3) :, 300 * (i % 3) :][:200, :300] for i in range(len(LENSES))]
     flat = [tile.astype(float).ravel() for tile in tiles]

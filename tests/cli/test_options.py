@@ -8,13 +8,8 @@ from importlib import import_module
 
 import click
 import pytest
-from command_line import pair, run
+from command_line import pair, run, topic
 
-from defocus_cli.commands.choose import command as choose
-from defocus_cli.commands.depth import command as depth_command
-from defocus_cli.commands.help import TOPICS, text
-from defocus_cli.commands.info import command as info
-from defocus_cli.commands.render import command as render_command
 from defocus_cli.main import COMMANDS
 from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.parameters import BLURRING, LENS_OPTIONS
@@ -25,16 +20,20 @@ def test_threads_are_the_cores_this_process_may_use():
     assert cores() == len(os.sched_getaffinity(0))
 
 
-def flags_of(command):
-    return {name for param in command.params for name in param.opts}
+def command_of(name):
+    return import_module(f"defocus_cli.commands.{name}").command
+
+
+def flags_of(name):
+    return {flag for param in command_of(name).params for flag in param.opts}
 
 
 @pytest.mark.parametrize(
     ("command", "without"),
     [
-        (render_command, ()),
-        (info, {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels", "resize-depth", "animate"}),
-        (choose, ("dp-model", "dp-crosstalk", "animate", "quality", "blur-channels")),
+        ("render", ()),
+        ("info", {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels", "resize-depth", "animate"}),
+        ("choose", ("dp-model", "dp-crosstalk", "animate", "quality", "blur-channels")),
     ],
 )
 def test_a_command_has_the_options_of_what_it_shows(command, without):
@@ -61,7 +60,7 @@ def test_every_lens_option_of_info_changes_the_blur_it_tells(name, tmp_path):
 
 
 def test_every_lens_option_stands_in_a_topic_of_the_help():
-    topics = "".join(text(topic) for topic in TOPICS)
+    topics = "".join(topic(line.split()[0]) for line in run("help").out.splitlines())
     assert [name for name in LENS_OPTIONS if f"--{name}" not in topics] == []
 
 
@@ -70,15 +69,14 @@ def test_depth_has_the_reading_options_of_a_depth_file_alone():
         *("--color-layer", "--blur-channels", "--resize-depth"),
         *("--depth-repair", "--edge-width", "--invert"),
     }
-    assert {f"--{name}" for name in READING_OPTIONS} - flags_of(depth_command) == of_color
+    assert {f"--{name}" for name in READING_OPTIONS} - flags_of("depth") == of_color
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_short_help_shows_what_most_need_and_names_topics_of_the_rest(name):
-    command = import_module(f"defocus_cli.commands.{name}").command
     short, whole = run(name, "--help").out, run(name, "--help-all").out
     left_out = []
-    for param in command.params:
+    for param in command_of(name).params:
         if isinstance(param, click.Option) and not param.hidden:
             word = re.escape(max(param.opts, key=len)) + r"(?![\w-])"
             shown = rf"(?m)^  (-\w, )?{word}"
@@ -88,7 +86,7 @@ def test_short_help_shows_what_most_need_and_names_topics_of_the_rest(name):
     for word, heading in left_out:
         listed = re.search(rf"(?m)^  {heading} +\d+ more: (.*(\n {{4}}.*)*)", short)[1]
         topics = re.findall(r"help\s+(\w+)", listed)
-        assert any(re.search(word, text(topic)) for topic in topics), (word, topics)
+        assert any(re.search(word, topic(each)) for each in topics), (word, topics)
 
 
 def test_help_shows_options_under_their_headings():

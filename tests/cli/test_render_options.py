@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 from command_line import color_exr, depth_exr, files_under, header, pair, photograph, render
+from image_files import samples_of
 
 from defocus_cli.commands.render import command
-from defocus_core.io.images.raster import read_samples
 
 
 def test_machine_options_are_recorded(tmp_path):
@@ -23,7 +23,7 @@ def test_preview_shows_the_picture_as_it_looks(tmp_path):
     color = color_exr(tmp_path / "c.exr", np.full((16, 24, 3), 0.2140, np.float32))
     render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--preview")
     assert files_under(tmp_path / "out") == {"render/c.exr", "render/c.preview.png"}
-    samples = read_samples(tmp_path / "out" / "render" / "c.preview.png")
+    samples = samples_of(tmp_path / "out" / "render" / "c.preview.png")
     assert samples.dtype == np.uint8
     assert np.abs(samples.astype(int) - 127).max() <= 1  # sRGB of 21.4 % light
 
@@ -31,12 +31,12 @@ def test_preview_shows_the_picture_as_it_looks(tmp_path):
 def test_a_lower_jpeg_quality_makes_a_smaller_and_less_accurate_file(tmp_path):
     args = (*pair(tmp_path), "--format")
     render(*args, "png", "-o", tmp_path / "exact")
-    exact = read_samples(tmp_path / "exact" / "render" / "a.png")
+    exact = samples_of(tmp_path / "exact" / "render" / "a.png")
     sizes, errors = [], []
     for quality in ((), ("--jpeg-quality", "95"), ("--jpeg-quality", "50")):
         out = tmp_path / f"out{len(sizes)}"
         photograph(*args, "jpg", "-o", out, *quality)
-        samples = read_samples(out / "render" / "a.jpg")
+        samples = samples_of(out / "render" / "a.jpg")
         sizes.append((out / "render" / "a.jpg").stat().st_size)
         errors.append(float(np.abs(samples.astype(float) - exact).mean()))
     assert sizes[0] == sizes[1] > sizes[2]

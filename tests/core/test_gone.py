@@ -1,20 +1,16 @@
 """What went is refused wherever it is written, with the words that replace it: row by row."""
 
+import re
+from functools import partial
 from importlib.metadata import version
 
+import numpy as np
 import pytest
-from command_line import failed, run
+from command_line import run
 
-import defocus_core
+import defocus_core as df
 from defocus_cli.main import COMMANDS
-from defocus_cli.options.shared import GroupedOption, Words
-from defocus_core import DefocusLens, RandomDefocus, UsageProblem
-from defocus_core.compare.thresholds import rule, rules_like
-from defocus_core.errors import Place, with_dashes
 from defocus_core.gone import GONE
-from defocus_core.request.quantities import QuantityError, one_of, read_at
-from defocus_core.request.toml_file import refuse_unknown
-from defocus_core.tensors.validation import one_of as one_of_arguments
 
 ROWS = [(row, since) for since, rows in GONE.items() for row in rows]
 KINDS = ("option", "key", "value", "rule", "command", "python")
@@ -25,6 +21,13 @@ def rows(kind):
     for row, since in ROWS:
         if row.kind == kind:
             yield row, f"it went with {since}: {row.instead}"
+
+
+def fails(words, *args):
+    """Assert that the command line refuses what went."""
+    ran = run(*args)
+    assert ran.code == 2
+    assert re.sub("‹(.*?)›", r"--\1", words) in ran.err
 
 
 def test_rows_stay_for_two_versions():
@@ -38,73 +41,60 @@ def test_each_row_has_a_kind_and_stands_once():
     assert len(names) == len(set(names))
 
 
-def test_commands_that_went():
+def test_commands_and_options_that_went():
     for row, words in rows("command"):
-        ran = run(row.name, "out")
-        failed(ran, 2, "unknown-name", row.name)
-        assert with_dashes(words) in ran.err
-
-
-def test_options_that_went():
+        fails(words, row.name, "out")
     for row, words in rows("option"):
         for command in (row.of,) if row.of else COMMANDS:
-            ran = run(command, f"--{row.name}")
-            failed(ran, 2, None, row.name)
-            assert with_dashes(words) in ran.err
+            fails(words, command, f"--{row.name}")
 
 
-def test_keys_that_went():
-    for row, words in [
-        *rows("key"),
-        *((row, words) for row, words in rows("option") if not row.of),
-    ]:
-        with pytest.raises(UsageProblem) as error:
-            refuse_unknown([row.name], ("color",), Place("jobs.toml"), row.of or "[lens]")
+def test_keys_that_went(tmp_path):
+    of_options = ((row, words) for row, words in rows("option") if not row.of)
+    for row, words in [*rows("key"), *of_options]:
+        table = (row.of or "[lens]").strip("[]")
+        tables = {"inputs": {"color": "a.exr"}, table: {row.name: 1}}
+        with pytest.raises(df.UsageProblem) as error:
+            df.batch_jobs(tables, tmp_path)
         assert error.value.remedy == words
 
 
-def test_values_that_went():
+def test_values_that_went(tmp_path):
     for row, words in rows("value"):
-        field = row.of.replace("-", "_")
-        with pytest.raises(UsageProblem) as error:
-            read_at(Place("jobs.toml", field=row.of), one_of(("standard",)), row.name)
+        fails(words, "render", "a.exr", "-o", tmp_path, f"--{row.of}", row.name)
+        table = "machine" if row.of == "quality" else "reading"
+        tables = {"inputs": {"color": "a.exr"}, table: {row.of: row.name}}
+        with pytest.raises(df.UsageProblem) as error:
+            df.batch_jobs(tables, tmp_path)
         assert error.value.remedy == words
-        with pytest.raises(UsageProblem) as chosen:
-            Words(["standard"]).convert(row.name, GroupedOption([f"--{row.of}"]), None)
-        assert chosen.value.remedy == words
-        with pytest.raises(ValueError, match=field) as refused:
-            one_of_arguments(field, row.name, ("standard",))
-        assert str(refused.value).endswith(words)
+        if row.of == "depth-format":
+            with pytest.raises(df.UsageProblem) as error:
+                df.read_depth(tmp_path, format=row.name)
+            assert error.value.remedy == words
 
 
 def test_rules_of_compare_that_went():
     for row, words in rows("rule"):
-        with pytest.raises(QuantityError) as error:
-            rule(row.name if ":" in row.name else f"{row.name}<1")
+        rule, picture = (row.name if ":" in row.name else f"{row.name}<1"), np.zeros((2, 2))
+        with pytest.raises(df.UsageProblem) as error:
+            df.compare_images(picture, picture, fail=[rule])
         assert error.value.remedy == words
 
 
-def bounded(**bounds):
-    rules_like(None, bounds)
-
-
-def test_names_in_python_that_went():
+def test_names_in_python_that_went(golden):
+    check = partial(golden.check, np.zeros((2, 2)))
+    taking = {"RandomDefocus": df.RandomDefocus, "golden.check": check}
     for row, words in rows("python"):
-        if row.of == "DefocusLens":
-            with pytest.raises(AttributeError, match=row.name) as lacking:
-                getattr(DefocusLens(50.0, 2.0), row.name)
-            assert str(lacking.value).endswith(words)
-            continue
-        if row.of:
-            taking = {"RandomDefocus": RandomDefocus, "golden.check": bounded}[row.of]
+        if row.of in taking:
             with pytest.raises(TypeError, match=row.name) as unknown:
-                taking(**{row.name: 1.0})
+                taking[row.of](**{row.name: 1.0})
             assert str(unknown.value).endswith(words)
             continue
         with pytest.raises(AttributeError, match=row.name) as lacking:
-            getattr(defocus_core, row.name)
+            getattr(df.DefocusLens(50.0, 2.0) if row.of else df, row.name)
         assert str(lacking.value).endswith(words)
-        with pytest.raises(ImportError, match=row.name) as absent:
-            exec(f"from defocus_core import {row.name}")
-        assert str(absent.value).endswith(words)
-        assert not hasattr(defocus_core, row.name)
+        if not row.of:
+            with pytest.raises(ImportError, match=row.name) as absent:
+                exec(f"from defocus_core import {row.name}")
+            assert str(absent.value).endswith(words)
+            assert not hasattr(df, row.name)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from command_line import HEIGHT, WIDTH, color_exr, pair, ramp, run, texture
+from jobs_files import Machine
 from refusals import refuses
 
 import defocus_core
@@ -25,7 +26,6 @@ from defocus_core import (
     write_image,
     write_map,
 )
-from defocus_core.request.job import Machine
 
 ROOT = Path(defocus_core.__file__).parent
 NAMES = [

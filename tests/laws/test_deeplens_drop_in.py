@@ -51,15 +51,6 @@ def plane(depth):
     return torch.full((1, 1, 64, 64), depth)
 
 
-@pytest.mark.parametrize("options", [{}, {"psf_ks": 31, "num_layers": 8}])
-def test_dual_pixel_images_take_depth_of_either_sign(small, options):
-    behind = small.render_rgbd_dp(image(), plane(-500.0), **options)
-    before = small.render_rgbd_dp(image(), plane(500.0), **options)
-    assert [picture.shape for picture in behind] == [(1, 3, 64, 64)] * 2
-    assert all(torch.equal(one, other) for one, other in zip(behind, before, strict=True))
-    assert not torch.equal(*before)
-
-
 def test_the_sky_may_be_minus_infinity_in_a_map_of_negative_depth(small):
     depth = plane(-500.0)
     depth[..., :20] = -math.inf

@@ -59,6 +59,11 @@ def run(*args, err=None):
     return Ran(code, out.getvalue(), err.getvalue(), *ended)
 
 
+def topic(name):
+    """A topic of the help, as it is printed."""
+    return run("help", name).out
+
+
 def render(*args):
     return run("render", *LENS, *args)
 

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from defocus_core import DefocusError
+
 SIZE = (24, 32)  # height, width
 MAX_BYTES = 2**30
 _CODECS = ("zip", "zips", "rle", "piz", "pxr24", "b44", "dwaa", "none")
@@ -122,28 +124,26 @@ def case(files, seed, index):
 def outcome(path):
     """``read``, with what info says; ``refused``, with the line; or ``wrong``, with the reason."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+    from command_line import run
 
-    from defocus_cli.commands.info import file_lines
-    from defocus_core import DefocusError
     from defocus_core.io.images.raster import read_pages, set_tag
-    from defocus_core.reports.inspection import inspect
-    from defocus_core.request.job import Reading
 
     try:
-        inspection = inspect(path, Reading(), None, lone=True)
-        text = "\n".join(file_lines(inspection))
+        ran = run("info", path)
+        if ran.code:
+            return _judged(ran.error, ran.err.rstrip("\n"))
         if path.suffix in (".png", ".jpg", ".tif"):
             for page in read_pages(path):
                 for name, tag in page.tags.items():  # as they would be written
                     set_tag(oiio.ImageSpec(), name, tag)
-    except DefocusError as error:
-        return _judged(error, str(error))
     except BaseException as error:
         return {"wrong": f"{type(error).__name__}: {error}"}
-    return {"read": text}
+    return {"read": ran.out}
 
 
 def _judged(error, line):
+    if not isinstance(error, DefocusError):
+        return {"wrong": line}
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, MemoryError) or "bad_alloc" in str(cause) or "allocate" in str(cause):
@@ -156,8 +156,6 @@ def _judged(error, line):
 
 def _main(folder, seed, first, end):
     import resource
-
-    import defocus_core  # noqa: F401
 
     said = os.dup(1)
 

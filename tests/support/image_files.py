@@ -66,6 +66,11 @@ def save(path, samples, **attributes):
     return path
 
 
+def samples_of(path):
+    """The samples of a picture of 8 bits."""
+    return oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
+
+
 def png_chunk(kind, data):
     body = kind + data
     return len(data).to_bytes(4, "big") + body + zlib.crc32(body).to_bytes(4, "big")

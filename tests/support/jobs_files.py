@@ -9,6 +9,9 @@ from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.lens import LensValues
 from defocus_core.request.resolver import parsed
 
+# Types of jobs, which tests take from here.
+__all__ = ["Job", "LensValues", "Machine", "Outputs", "PictureFiles", "Reading", "read_batch"]
+
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'
 

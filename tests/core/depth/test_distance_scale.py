@@ -1,10 +1,12 @@
-"""Edges that are soft in distance, not in disparity: their ramps are lopsided in radius."""
+"""Edges soft in distance, not in disparity, and the repair that the frames of a shot share."""
 
 import pytest
 import torch
 from torch.nn.functional import conv1d, pad
 
 from defocus_core import repair_depth
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.ramps import distance_scale
 from defocus_core.depth.repair import diagnose_depth
 from defocus_core.depth.shot_repair import agreed_repair, repair_through
@@ -78,3 +80,20 @@ def test_frames_of_a_shot_agree_on_the_scale():
     for repair, other, focus in ((near, far, 0.8), (far, near, 1.5)):
         agreed = agreed_repair([repair, repair_through(other, 1.0, SCALE / focus)])
         assert agreed.ramps_of == pytest.approx(repair.ramps_of)
+
+
+def test_most_frames_decide_on_a_repair_and_thresholds_are_medians():
+    noisy, fine = DepthRepair(noise=0.2), DepthRepair(quantised=True)
+    agreed = agreed_repair([noisy, DepthRepair(noise=0.8, fraction=0.5), DepthRepair(noise=0.3)])
+    assert agreed == DepthRepair(noise=0.3)
+    assert agreed_repair([noisy, fine, fine]) == fine
+    assert agreed_repair([noisy, fine]) == DepthRepair()
+
+
+def test_soft_and_shifted_edges_scale_with_the_lens():
+    shifts = EdgeShifts(0.4, 2.0, (0.0, 1.0))
+    repair = DepthRepair(noise=0.1, soft_edges=0.4, ramps=True, edge_shifts=shifts)
+    through = repair_through(repair, 2.0, None)
+    assert through == DepthRepair(
+        noise=0.2, soft_edges=0.8, ramps=True, edge_shifts=shifts._replace(step=0.8)
+    )

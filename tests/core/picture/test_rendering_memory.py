@@ -7,12 +7,11 @@ from typing import Any
 
 import pytest
 from command_line import pair
-from jobs_files import job_of
+from jobs_files import Machine, job_of
 
 from defocus_core.errors import TooLarge
 from defocus_core.picture import memory_budget
 from defocus_core.renderer.engine import memory_bound
-from defocus_core.request.job import Machine
 from defocus_core.system import memory
 
 

@@ -2,11 +2,10 @@ import math
 from pathlib import Path
 
 import pytest
-from jobs_files import option
+from jobs_files import PictureFiles, option
 from refusals import refuses
 
 from defocus_core.request.animation import read_animation, read_keys
-from defocus_core.request.job import PictureFiles
 from defocus_core.request.picture_lenses import PictureLenses
 
 

@@ -5,11 +5,10 @@ import os
 from pathlib import Path
 
 import pytest
-from jobs_files import FIXED, jobs, names, touch
+from jobs_files import FIXED, PictureFiles, jobs, names, touch
 from refusals import refuses
 
 from defocus_core.io.wildcards import matching
-from defocus_core.request.job import PictureFiles
 from defocus_core.request.pairing import find_pictures
 
 

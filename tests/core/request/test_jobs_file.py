@@ -2,10 +2,18 @@
 
 import math
 
-from jobs_files import FIXED, jobs, jobs_file, lens_values, names, touch
-
-from defocus_core.request.job import Machine, Outputs, Reading
-from defocus_core.request.jobs_file import read_batch
+from jobs_files import (
+    FIXED,
+    Machine,
+    Outputs,
+    Reading,
+    jobs,
+    jobs_file,
+    lens_values,
+    names,
+    read_batch,
+    touch,
+)
 
 
 def test_every_table_reaches_the_job(tmp_path):

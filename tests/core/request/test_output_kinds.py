@@ -5,9 +5,8 @@ import re
 
 import numpy as np
 import pytest
-from command_line import header, pair, read_exr, render, run
+from command_line import header, pair, read_exr, render, run, topic
 
-from defocus_cli.commands.help import text
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.request.output_kinds import KINDS
 
@@ -50,7 +49,7 @@ def test_help_has_a_line_for_each_kind():
 
 
 def test_the_topic_on_conventions_lists_each_kind():
-    table = text("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
+    table = topic("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
     listed = re.findall("`(\\w+)`", " ".join(row.split("|")[0] for row in table.split("\n|")[1:]))
     assert listed == list(KINDS)
 

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 from elements import disc, element, write
-from jobs_files import lens_values, option
+from jobs_files import PictureFiles, Reading, lens_values, option
 from refusals import refuses
 
 from defocus_core.errors import Place
-from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
     ROWS,

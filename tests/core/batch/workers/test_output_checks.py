@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from jobs_files import lens_values, touch
+from jobs_files import Job, Machine, Outputs, PictureFiles, Reading, lens_values, touch
 from refusals import refuses
 
 from defocus_core.batch.workers.run import refuse_misplaced
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 
 LENS = lens_values()
 

@@ -7,6 +7,7 @@ import pytest
 from depth_files import gdepth, npy, pfm, png
 from depth_reading import decoded
 from image_files import save
+from jobs_files import PictureFiles, Reading
 from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, instead
 from refusals import refuses
 
@@ -14,7 +15,6 @@ from defocus_core import UsageProblem
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
 from defocus_core.picture.pair import read as read_both
 from defocus_core.picture.take import InputPair
-from defocus_core.request.job import PictureFiles, Reading
 
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
 

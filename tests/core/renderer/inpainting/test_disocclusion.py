@@ -1,9 +1,11 @@
-"""What edges of depth reveal: how far, and which surface comes next."""
+"""What edges of depth reveal: how far, which surface comes next, and how its lines go on."""
 
 import math
 
 import pytest
 import torch
+from measures import worst
+from tolerances import ROUNDING
 
 from defocus_core import HiddenLayer, render
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
@@ -117,3 +119,42 @@ def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality, step
     through = (1 - 2 * 3 / (math.pi * 22)) * (1 - 2 * 6 / (math.pi * 8))  # what both let pass
     assert wall[13, 11] == pytest.approx(through, abs=0.1)
     assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < step
+
+
+def test_a_surface_that_rises_towards_an_edge_is_not_behind_itself():
+    """The top of a box joins its front: behind both is the wall, beyond the edge."""
+    wall, top = 24, 11
+    y = torch.arange(64, dtype=torch.float64)[:, None].expand(64, 56)
+    box = (-23 + 0.9 * (wall + top - y)).clamp(min=-23)
+    found = hidden_layer((y >= wall).to(y)[None], torch.where(y < wall, 20.0, box))
+    close = found.mask & (y < wall + top + 12)
+    assert close[wall + top :].any()
+    assert worst(found.color[0, close], 0.0) < ROUNDING[torch.float64]
+    assert worst(found.signed_radius[close], 20.0) < ROUNDING[torch.float64]
+
+
+@pytest.mark.parametrize("edge", range(16, 24))
+def test_beside_an_edge_hidden_content_is_as_what_is_next_to_it(edge):
+    """Wherever in the frame it is: coarse pixels of a coarser resolution do not show."""
+    x = torch.arange(56, dtype=torch.float64).expand(40, 56)
+    image = ((x >= edge - 2) & (x < edge)).to(x)
+    found = hidden_layer(image[None], torch.where(x < edge, 6.0, -6.0).to(x))
+    assert float(found.color[0, :, edge].min()) > 0.7
+
+
+@pytest.mark.parametrize("degrees", [35.0, 60.0, 90.0, 120.0])
+def test_stripes_go_on_behind_a_bar(degrees):
+    """Smooth ones, at an angle from upright; coherence transport continues them."""
+    y, x = torch.arange(96).double()[:, None], torch.arange(112).double()
+    turned = x * math.cos(math.radians(degrees)) + y * math.sin(math.radians(degrees))
+    wave = 0.5 + 0.3 * torch.sin(2 * math.pi * turned / 14)
+    background = torch.stack([wave, 1 - wave])
+    image, radius = background.clone(), torch.full_like(wave, 4.0)
+    image[..., 50:60], radius[:, 50:60] = 0.9, -7.0
+    found = hidden_layer(image, radius)
+    mask = found.mask.clone()
+    mask[:24], mask[-24:] = False, False  # stripes that leave the frame have one end
+    assert mask.any()
+    off = (found.color - background)[:, mask].abs()
+    assert float(off.mean()) < 0.04  # of an amplitude of 0.3
+    assert float(off.max()) < 0.2

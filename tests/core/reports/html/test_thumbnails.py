@@ -1,8 +1,8 @@
 """Thumbnails show what is there, however small."""
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
+from image_files import samples_of
 
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import PLAIN
@@ -11,7 +11,7 @@ from defocus_core.reports.html.item import PLAIN
 def decoded(data, folder):
     file = folder / ("x.png" if data.startswith(b"\x89PNG") else "x.jpg")
     file.write_bytes(data)
-    return oiio.ImageBuf(str(file)).get_pixels(oiio.UINT8)
+    return samples_of(file)
 
 
 def test_a_lone_pixel_that_differs_is_seen(tmp_path):
