@@ -32,9 +32,10 @@ from defocus_core.request.resolver import Given, Layer, missing_options, missing
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, as a share of the longer side
-# Least share of the middle half of the picture, and greatest share of the disparity there, of a
-# surface: one of six such surfaces has at least a sixth, so that there always is one.
-_LEAST_SHARE, _THICKNESS = 0.08, 1 / 6
+# Least share of a picture, weighted by a tent over its height and width, and greatest share of all
+# disparities, of a subject; share of the height above and below within which a standing surface
+# changes by less than `_STEP`; and the share of all disparities by which two are about the same.
+_LEAST_SHARE, _THICKNESS, _ABOVE, _ALIKE = 0.05, 1 / 6, 0.025, 0.02
 _LOOKED_AT = 1 << 20  # pixels
 # Within this share of the longer side a surface changes by at most this share of all disparities: a
 # floor that spans all of them in half of the picture changes by half of it, an edge by more.
@@ -66,29 +67,41 @@ class FoundPixel(NamedTuple):
 
 
 def subject_of(depth: Depth) -> FoundPixel:
-    """The nearest surface that covers at least 8 % of the middle half of a picture.
+    """The nearest standing surface that covers 5 % of a picture, the middle counted more.
 
-    It spans at most a sixth of the disparities there. The pixel has its median disparity, is near
-    its middle, and not on the ramp of an edge.
+    It spans at most a sixth of all disparities. On a floor disparity changes from row to row. The
+    pixel has about the median disparity, is near the middle of the surface, and not on the ramp of
+    an edge.
     """
     every, step = _looked_at(depth)
-    middle = tuple(slice(n // 4, max(n - n // 4, 1)) for n in every.shape)
-    disparity, known = every[middle], np.isfinite(every)[middle]
-    if not known.any():
+    if not np.isfinite(every).any():
         return FoundPixel(depth.size[0] // 2, depth.size[1] // 2, depth.size)
-    ramp = on_ramp(every)[middle]
-    nearest_first = -np.sort(-disparity[known])
-    thickness = _THICKNESS * (nearest_first[0] - nearest_first[-1])
+    weight = np.outer(*(1 - np.abs((2 * np.arange(n) + 1) / n - 1) for n in every.shape))
+    standing = _standing(every)
+    order = np.argsort(-every[standing], kind="stable")
+    nearest_first, weights = every[standing][order], weight[standing][order]
+    thickness = _THICKNESS * _range(every)
     ends = np.searchsorted(-nearest_first, thickness - nearest_first, side="right")
-    first = int(np.argmax(ends - np.arange(len(ends)) >= _LEAST_SHARE * len(ends)))
-    surface = nearest_first[first : ends[first]]
-    own = known & (disparity <= surface[0]) & (disparity >= surface[-1])
-    off = np.where(own, np.abs(disparity - np.median(surface)), np.inf)
-    shown = own & ~ramp if (own & ~ramp).any() else own
-    alike = np.argwhere(off == off[shown].min())
-    best = alike[np.argmin(np.hypot(*(alike - np.argwhere(own).mean(axis=0)).T))]
-    y, x = (step * (cut.start + int(place)) for cut, place in zip(middle, best, strict=True))
-    return FoundPixel(x, y, depth.size)
+    below = np.append(0.0, np.cumsum(weights))
+    share = (below[ends] - below[:-1]) / weight[np.isfinite(every)].sum()
+    first = int(np.argmax(share >= min(_LEAST_SHARE, share.max())))
+    surface, weights = (each[first : ends[first]] for each in (nearest_first, weights))
+    own = standing & (every <= surface[0]) & (every >= surface[-1])
+    off = np.abs(every - surface[np.searchsorted(weights.cumsum(), weights.sum() / 2)])
+    shown = own & ~on_ramp(every) if (own & ~on_ramp(every)).any() else own
+    alike = np.argwhere(shown & (off <= off[shown].min() + _ALIKE * _range(every)))
+    y, x = alike[np.argmin(np.hypot(*(alike - np.argwhere(own).mean(axis=0)).T))]
+    return FoundPixel(step * int(x), step * int(y), depth.size)
+
+
+def _standing(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where a disparity [H, W] is known and about the same above and below; anywhere if nowhere."""
+    known, reach = np.isfinite(disparity), max(1, round(_ABOVE * len(disparity)))
+    framed = np.pad(disparity, [(reach, reach), (0, 0)], mode="edge")
+    with np.errstate(invalid="ignore"):
+        change = np.abs(framed[2 * reach :] - framed[: -2 * reach])
+    standing = known & (change <= _STEP * _range(disparity))
+    return standing if standing.any() else known
 
 
 def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:

@@ -96,7 +96,7 @@ render rgb.exr z.exr -o out --fnumber 2 --focus 2m → \
 --fnumber 2 --focus 2m --lens @portrait-85
 render rgb.exr z.exr -o out → \
 2 missing-option --focal-length: is missing, as are --fnumber and --focus; run: defocus render \
---json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6,7
+--json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 4,7
 info z.exr --focal-length 50mm → \
 2 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4, --focus 2m or \
 --focus-at, or a --lens FILE that has them

@@ -18,16 +18,16 @@ def found(numbers, **kind):
 
 
 def layers(share, *, near=200, nearest=255):
-    """A far plane; before it, in the middle half, a surface of a share, and a border that is
-    nearer still, but outside."""
+    """A far plane; before it, in the middle half, a surface of a share, and leaves that are nearer
+    still, but at the upper border."""
     numbers = np.full((80, 100), 10.0)
     numbers[20:60, 25 : 25 + round(50 * share)] = near
-    numbers[:15] = nearest
+    numbers[:10] = nearest
     return numbers
 
 
-@pytest.mark.parametrize(("share", "focus"), [(0.1, 200), (0.06, 10)])
-def test_it_is_the_nearest_surface_of_a_twelfth_of_the_middle(share, focus):
+@pytest.mark.parametrize(("share", "focus"), [(0.2, 200), (0.06, 10)])
+def test_it_is_the_nearest_surface_of_a_twentieth_of_the_picture(share, focus):
     assert found(layers(share), **RELATIVE) == focus
     assert found(-layers(share), **RELATIVE, inverted=True) == -focus
     assert found(1 / layers(share)) == pytest.approx(1 / focus)
@@ -112,6 +112,7 @@ def before_a_wall(*boxes):
 BOXES = {
     "in the middle": (before_a_wall((50, 120, 190)), (50, 120, 190, 180)),
     "off the middle": (before_a_wall((50, 180, 190)), (50, 180, 190, 240)),
+    "beyond the middle half": (before_a_wall((20, 235, 190)), (20, 235, 190, 295)),
     "two persons": (before_a_wall((50, 80, 190), (70, 160, 130)), (50, 80, 190, 140)),
     "one half behind the other": (
         before_a_wall((50, 120, 130), (70, 160, 190)),
@@ -142,6 +143,11 @@ def person_on_a_floor(column):
     numbers = np.broadcast_to(np.maximum(rows - 0.4, 0.02) * 200, (90, 120)).copy()
     numbers[25:80, column : column + 25] = 110
     return numbers
+
+
+@pytest.mark.parametrize("column", [4, 20, 48, 80, 92])
+def test_who_stands_on_a_floor_is_found_wherever_that_is(column):
+    assert found(person_on_a_floor(column), **RELATIVE) == 110
 
 
 SCENES = {
