@@ -42,10 +42,11 @@ _HUE, _BLEACHED = (0.6, 0.9), (0.05, 0.25)
 # Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
 # which on a part of a surface, for coloured and for white blobs. Reach of the surroundings to each
 # side as a share of the longer side, and in px at least.
-_COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
+_COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.45, 0.75)
 _AROUND, _MIN_AROUND = 0.012, 4
-# Radius in px up to which a blob is in focus, and from which on it gets all of its light.
-_BLURRED = (1.0, 3.0)
+# Radius up to which a blob is as good as in focus, as a share of the largest, with its bounds in px;
+# and its multiple from which on a blob gets all of its light.
+_SHARP, _SHARP_PX, _BLURRED = 0.2, (1.0, 3.0), 3
 # Levels of brightness at which blobs are found, more closely spaced near white.
 _LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
 # Coarse pixels across the surroundings to a side.
@@ -170,6 +171,7 @@ def _found(
     around = max(_MIN_AROUND, round(_AROUND * max(size)))
     reach = max(_MIN_RIM, round(_RIM * max(size)))
     blur = image.new_full(size, _WIDEST) if signed_radius is None else signed_radius.detach().abs()
+    sharp = float((_SHARP * blur.amax()).clamp(*_SHARP_PX))
     levels = []
     for low, high in pairs:
         of_bands = [
@@ -177,7 +179,8 @@ def _found(
         ]
         runs = Runs.concatenate([each for each, _ in of_bands])
         sums = torch.cat([each for _, each in of_bands], 1)
-        levels.append(_BlobLevel(low, high, runs, _lamps(runs, sums, max(low, _LEVELS[1]), size)))
+        lamps = _lamps(runs, sums, max(low, _LEVELS[1]), size, sharp)
+        levels.append(_BlobLevel(low, high, runs, lamps))
     return levels, _count(levels, threshold, size[1])
 
 
@@ -259,10 +262,13 @@ def _surrounding_mean(
     return torch.where(fraction > 0.5, of_dark / fraction.clamp(min=0.5), level)
 
 
-def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _Lamps:
+def _lamps(
+    runs: Runs, sums: Tensor, level: float, size: tuple[int, int], sharp: float
+) -> _Lamps:
     """The lamp of each run, by its blob.
 
-    `sums`: those of `_band`; `size`: (height, width) of the frame.
+    `sums`: those of `_band`; `size`: (height, width) of the frame; `sharp`: radius in px up to
+    which a blob is in focus.
     """
     blob, colors = runs.blobs(size[1]), len(sums) // 2 - 3
     values = torch.cat([runs.area.double()[None], sums])
@@ -288,7 +294,7 @@ def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _La
     hue, radius = torch.where(maximum > _TINY, glow / maximum, 1.0), blur / area
     within = area.minimum(2 * radius * area / _length(runs, blob))  # only a part of a tube
     return _Lamps(
-        fraction=small * apart * _step(radius, *_BLURRED),
+        fraction=small * apart * _step(radius, sharp, _BLURRED * sharp),
         clipped=area / (area + rim.clamp(min=0)),
         disc=(within / (math.pi * radius**2)).clamp(max=1),
         hue=hue,

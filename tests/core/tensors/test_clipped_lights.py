@@ -104,12 +104,14 @@ def test_what_is_in_focus_is_left_alone():
     assert partly.count == every.count - 1
 
 
-def test_no_lamps_are_lint_in_focus_a_shirt_or_leaves():
+@pytest.mark.parametrize("blur", [0.2, 2.4])
+def test_no_lamps_are_lint_on_the_subject_a_shirt_or_leaves(blur):
     image, radius = torch.full((3, 600, 800), 0.15), torch.full((600, 800), 12.0)
-    radius[150:, 250:550] = 0.2  # a person in focus, in a dark coat
+    radius[150:, 250:550] = blur  # a person about in focus, in a dark coat
     for k in range(20):
         image[:, 200 + 17 * k : 202 + 17 * k, 270 + 37 * k % 260 :][:, :, :3] = 1.0
-    image[:, 300:550, 600:680] = 1.0  # a shirt, blurred
+    image[:, 300:550, 600:680] = 1.0  # a shirt, blurred, whose folds divide a part of it
+    image[:, 320:400, 610:660:10] = image[:, 320:400:8, 610:660] = 0.75
     for k in range(10):  # leaves in the sun before others
         image[:, 10 + 12 * k : 17 + 12 * k, 20:40] = torch.tensor([0.85, 1.0, 0.5])[:, None, None]
     assert ClippedLights(image, *AUTO_LIGHTS, signed_radius=radius).count == 0
