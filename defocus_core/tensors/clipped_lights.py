@@ -44,7 +44,7 @@ _HUE, _BLEACHED = (0.6, 0.9), (0.05, 0.25)
 # side as a share of the longer side, and in px at least.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.45, 0.75)
 _AROUND, _MIN_AROUND = 0.012, 4
-# Radius up to which a blob is as good as in focus, as a share of the largest, with its bounds in px;
+# Radius up to which a blob is as good as sharp, as a share of the largest, with its bounds in px;
 # and its multiple from which on a blob gets all of its light.
 _SHARP, _SHARP_PX, _BLURRED = 0.2, (1.0, 3.0), 3
 # Levels of brightness at which blobs are found, more closely spaced near white.
@@ -262,9 +262,7 @@ def _surrounding_mean(
     return torch.where(fraction > 0.5, of_dark / fraction.clamp(min=0.5), level)
 
 
-def _lamps(
-    runs: Runs, sums: Tensor, level: float, size: tuple[int, int], sharp: float
-) -> _Lamps:
+def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int], sharp: float) -> _Lamps:
     """The lamp of each run, by its blob.
 
     `sums`: those of `_band`; `size`: (height, width) of the frame; `sharp`: radius in px up to
