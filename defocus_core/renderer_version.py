@@ -5,4 +5,4 @@ pictures change and the number does not. The module imports nothing, so that pla
 not load torch.
 """
 
-RENDERER_VERSION = 22
+RENDERER_VERSION = 23

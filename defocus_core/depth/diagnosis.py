@@ -37,9 +37,8 @@ _BESIDE = 3
 # The share that 3 px span on an edge; the place on an edge, from either end, from which
 # a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
 ABRUPT, AVERAGE, FLAT = 0.5, 0.1, 0.1
-# Least number of averages: at all, for each hard step, for each pixel on a wide edge, and for each
-# pixel on a soft one.
-FEWEST, EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
+# Least number of averages: at all, for each hard step, and for each pixel on a wide edge.
+FEWEST, EACH, _WIDER = 64, 2, 0.25
 
 
 def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
@@ -67,14 +66,10 @@ def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tenso
     return torch.cat(every)
 
 
-def are_averaged(counts: list[float], soft: int) -> bool:
-    """Whether most edges of a frame are averages, neither hard nor soft.
-
-    `counts`: [3], the sum of `averages` over the frame; `soft`: number of pixels of the frame on
-    edges that are several px wide.
-    """
+def are_averaged(counts: list[float]) -> bool:
+    """Whether most edges of a frame are averages, by the sums of `averages` [3] over it."""
     average, wide, hard = counts
-    return average > max(_WIDER * wide, FEWEST, _SOFTER * soft, EACH * hard)
+    return average > max(_WIDER * wide, FEWEST, EACH * hard)
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
@@ -96,12 +91,8 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
     return on_edge & abrupt, on_edge & ~abrupt
 
 
-# Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
-_EDGES = 0.4
 # Greatest half width in px of a soft edge; px beside it in which the surfaces are seen.
 _HALF_EDGE, _BESIDE_EDGE = 14, 16
-# Hard steps of radius for each hard step of distance from which on edges are soft in distance.
-_LOPSIDED = 4
 # Intervals of a px in the histogram of widths of soft edges.
 _PER_PX = 10
 # Slope of an edge of averages, as a share of that of a soft edge.
@@ -262,7 +253,7 @@ def _repair(
             signed_radius, slope, distance_scale(minimum, maximum, infinity)
         )
     steps = [found["steps"][:4], found["steps"][4:]]
-    antialiased = are_averaged(found["averages"], soft)
+    antialiased = are_averaged(found["averages"])
     soft_edges = slope if soft else None
     if antialiased:
         soft_edges = max(MINIMUM, _AVERAGED * slope)
@@ -295,23 +286,16 @@ def _soft_edges(
 ) -> tuple[int, float | None, DistanceScale | None]:
     """The number of pixels on soft edges, their median width in px, and the scale of their ramps.
 
-    The number is 0 if hard edges have more pixels, or if so much of the frame is steep that it is a
-    surface, as in a frame of few px. Edges that are hard in radius may be soft in distance.
+    The number is 0 if hard edges have more pixels. Edges that are hard in radius may be soft in
+    distance.
     """
-    maximum = _EDGES * signed_radius.shape[0] * signed_radius.shape[1]
-    of_radius = _edge_counts(signed_radius, steep)
-    found: list[tuple[_EdgeCounts, DistanceScale | None]] = []
-    if of_radius.mostly_soft and of_radius.soft < maximum:
-        found.append((of_radius, None))
-    if scale is not None and of_radius.hard:
-        of_distance = _edge_counts(signed_radius, steep, scale)
-        few_hard = _LOPSIDED * of_distance.hard < of_radius.hard
-        if few_hard and of_distance.mostly_soft and of_distance.soft < maximum:
-            found.append((of_distance, scale))
-    if not found:
-        return 0, None, None
-    edges, of = max(found, key=lambda each: each[0].soft)
-    return edges.soft, edges.width, of
+    found: list[tuple[_EdgeCounts, DistanceScale | None]] = [
+        (_edge_counts(signed_radius, steep), None)
+    ]
+    if scale is not None and found[0][0].hard:
+        found.append((_edge_counts(signed_radius, steep, scale), scale))
+    edges, of = max(found, key=lambda each: each[0].soft * each[0].mostly_soft)
+    return (edges.soft, edges.width, of) if edges.mostly_soft else (0, None, None)
 
 
 def _edge_counts(
