@@ -24,7 +24,7 @@ from defocus_core.io.depth_formats import depth as depth_files
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.reading import KINDS, DepthReading
 from defocus_core.io.depth_formats.table import NAMES, UNITS
-from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.exr.writing import write_exr, write_exr_image
 from defocus_core.io.images import color as color_files
 from defocus_core.io.images import encode
 from defocus_core.io.images.color import Color
@@ -204,11 +204,14 @@ def write_image(
     if not 1 <= jpeg_quality <= 100:
         problem = f"{jpeg_quality} is not 1 to 100"
         raise UsageProblem("out-of-range", problem, "write 95", field="jpeg-quality")
+    planes = tuple(np.moveaxis(image, 2, 0))
+    if Path(path).suffix.lower() == ".exr":
+        named = dict(zip(channels, planes, strict=True))
+        return write_exr_image(Path(path), named, exr_type, attributes or {})
     return encode.write_image(
         Path(path),
-        image,
+        planes,
         tuple(channels),
-        exr_type=exr_type,
         bits=bits,
         jpeg_quality=jpeg_quality,
         attributes=attributes or {},

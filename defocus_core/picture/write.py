@@ -170,11 +170,7 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
         return warnings + write_exr_image(
             path,
             dict(zip(contents.names, contents.planes, strict=True)),
-            outputs.exr_type,
-            compression,
-            attributes,
-            contents.extras,
-            contents.layout,
+            *(outputs.exr_type, attributes, contents.extras, contents.layout, compression),
             take.clamped.get(kind.name, 0),
         )
     from defocus_core.io.images.encode import write_image

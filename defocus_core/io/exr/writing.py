@@ -10,6 +10,7 @@ import io
 import struct
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -74,11 +75,11 @@ def write_exr_image(
     path: Path,
     colors: Mapping[str, Any],
     exr_type: str,
-    compression: str,
     attributes: Mapping[str, object],
-    extras: Mapping[str, Any],
-    layout: Layout,
-    clamped: int,
+    extras: Mapping[str, Any] = MappingProxyType({}),
+    layout: Layout = Layout(),  # noqa: B008 - a constant
+    compression: str = "zip",
+    clamped: int = 0,
 ) -> list[str]:
     """Write colours [H, W], and others with their own types; a warning if some had to be clamped.
 

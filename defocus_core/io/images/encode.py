@@ -1,10 +1,10 @@
 """Images encoded in the format of their suffix, and written whole.
 
-EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit),
-JPEG and WEBP (8 bit): sRGB, converted from the primaries that the attributes declare, clipped to
-0…1, alpha unassociated; JPEG has no alpha, its colour is what shows over black. They keep an
-`Embedded` profile with its curves and primaries, and all but WEBP the `Tag` attributes of such an
-input. The same pixels and attributes make the same bytes: no date is added.
+PNG (8 or 16 bit), TIFF (16 bit), JPEG and WEBP (8 bit): sRGB, converted from the primaries that the
+attributes declare, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is what shows
+over black. They keep an `Embedded` profile with its curves and primaries, and all but WEBP the
+`Tag` attributes of such an input. The same pixels and attributes make the same bytes: no date is
+added.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands
-from defocus_core.io.exr.windows import Layout
-from defocus_core.io.exr.writing import write_exr_image
 from defocus_core.io.images.color_space import Embedded, encoded_light, quantised
 from defocus_core.io.images.primaries import (
     PROFILE,
@@ -53,30 +51,22 @@ _OPTIONS: dict[str, dict[str, str | int]] = {
 
 def write_image(
     path: Path,
-    pixels: Any,
+    planes: Sequence[Any],
     channels: Sequence[str],
     *,
-    exr_type: str = "half",
     bits: int = 8,
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
-    extras: Mapping[str, Any] | None = None,
     has_clipped: bool = True,
     smooth: Any = None,
 ) -> list[str]:
     """Write an image by its suffix; warnings of what the file cannot hold, one clause each.
 
-    `pixels`: [H, W, C] scene-linear, premultiplied if A is among the C names of channels: float32,
-    or half for an EXR of half; an array, or a tuple of its C arrays [H, W];
-    `bits`: of a PNG; `attributes`: an EXR keeps all but `Tag`, others `Tag` and ``defocus:*``;
-    `extras`: further channels of an EXR, of their own types; `has_clipped`: whether clipped light
-    is a loss, not an overshoot of a blur; `smooth`: [H, W] bool, the pixels that are dithered in
-    8 bits, so that slopes have no bands; None for none.
+    `planes`: C arrays [H, W], scene-linear, premultiplied if A is among the C channels; `bits`: of
+    a PNG; `attributes`, of which `Tag` and ``defocus:*`` are kept; `has_clipped`: whether clipped
+    light is a loss, not an overshoot of a blur; `smooth`: [H, W] bool, the pixels that are dithered
+    in 8 bits, so that slopes have no bands; None for none.
     """
-    planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
-    if path.suffix.lower() == ".exr":
-        named, more = dict(zip(channels, planes, strict=True)), extras or {}
-        return write_exr_image(path, named, exr_type, "zip", attributes, more, Layout(), clamped=0)
     if path.suffix.lower() not in FORMATS:
         problem = "has the suffix of a format that is not written"
         raise UsageProblem("wrong-type", problem, f"use .exr, {', '.join(FORMATS)}", path=path)

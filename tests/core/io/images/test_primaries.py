@@ -10,7 +10,7 @@ import pytest
 from command_line import refused, render, run
 from image_files import SCANLINE, save
 
-from defocus_core import InputError, read_color
+from defocus_core import InputError, read_color, write_image
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.images.color_space import (
     encoded_light,
@@ -19,7 +19,6 @@ from defocus_core.io.images.color_space import (
     read_profile,
     srgb_to_linear,
 )
-from defocus_core.io.images.encode import write_image
 from defocus_core.io.images.primaries import (
     NAMED,
     REC_709,
@@ -131,9 +130,9 @@ def test_a_profile_is_decoded(tmp_path, suffix, chad):
     assert color.warnings == ()
     assert "primaries Display P3" in color.note
     declared = {k: v for k, v in color.attributes.items() if k != "ICCProfile"}
-    write_image(tmp_path / "b.png", color.pixels, "RGB", bits=16, attributes=declared)
+    write_image(tmp_path / "b.png", color.pixels, bits=16, attributes=declared)
     assert np.abs(png16(tmp_path / "b.png") - linear_to_srgb(rgb)).max() < 0.002
-    write_image(tmp_path / "b.exr", color.pixels, "RGB", attributes=color.attributes)
+    write_image(tmp_path / "b.exr", color.pixels, attributes=color.attributes)
     found = declared_primaries(read_headers(tmp_path / "b.exr")[0].attributes)
     assert found == pytest.approx(WIDE["Display P3"], abs=1e-3)
 
@@ -202,7 +201,7 @@ def test_the_curve_of_a_profile_counts_and_never_its_name(name, tmp_path):
         color = read_color(photo)
         assert color.pixels == pytest.approx(light, abs=1e-4)
         assert color.note.endswith(f" by profile '{name}'")
-        write_image(tmp_path / "b.png", color.pixels, "RGB", bits=16, attributes=color.attributes)
+        write_image(tmp_path / "b.png", color.pixels, bits=16, attributes=color.attributes)
         assert np.array_equal(png16(tmp_path / "b.png"), png16(photo))
         assert embedded(tmp_path / "b.png") == data
 
@@ -211,7 +210,7 @@ def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path):
     line = (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.25, 0.25)
     color = read_color(exr(tmp_path / "a.exr", patches(), chromaticities=line))
     with pytest.raises(InputError) as caught:
-        write_image(tmp_path / "b.png", color.pixels, "RGB", attributes=color.attributes)
+        write_image(tmp_path / "b.png", color.pixels, attributes=color.attributes)
     assert caught.value.code == "damaged"
     assert not (tmp_path / "b.png").exists()
 
