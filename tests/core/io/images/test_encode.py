@@ -11,8 +11,10 @@ from image_files import box
 from refusals import files_end_at, refuses
 
 from defocus_core import read_color
+from defocus_core.io.exr.writing import write_exr_image
+from defocus_core.io.images import encode
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.encode import FORMATS, write_image, write_map
+from defocus_core.io.images.encode import FORMATS, write_map
 from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.picture.preview import diverging, largest
 
@@ -26,6 +28,14 @@ def picture(channels=3, shape=(20, 30)):
         pixels[0, :, 3] = 0
         pixels[..., :3] *= pixels[..., 3:]
     return pixels
+
+
+def write_image(path, pixels, channels, *, attributes, exr_type="half", **told):
+    planes = tuple(np.moveaxis(pixels, 2, 0))
+    if path.suffix == ".exr":
+        named = dict(zip(channels, planes, strict=True))
+        return write_exr_image(path, named, exr_type, attributes)
+    return encode.write_image(path, planes, channels, attributes=attributes, **told)
 
 
 # The file, the channels, what `write_image` is told, and the most that a value may be off by. The
