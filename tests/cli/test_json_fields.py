@@ -107,5 +107,6 @@ def test_the_topic_names_each_field_of_a_command_and_no_other(command, desk, mon
 def test_the_topic_names_each_value_of_a_lens_and_of_a_repair(desk):
     beside = {"focus_at_px", "focus_percentile", "draw"}
     assert documented("A lens") == {*RECORDED, *EFFECT_OPTIONS} | beside
-    ran = succeed("render", desk / "a_rgb.exr", desk / "a_z.exr", *LENS, "--dry-run", "--json")
-    assert documented("A repair of depth") == ran.json["pictures"][0]["depth_repair"].keys()
+    pair = (desk / "a_rgb.exr", desk / "a_z.exr", "-o", desk / "r3")
+    (told,) = run("render", *pair, *LENS, "--dry-run", "--json").json["pictures"]
+    assert documented("A repair of depth") == told["forecast"]["depth_repair"].keys()

@@ -35,10 +35,28 @@ def test_sky_beside_what_is_in_focus_is_not_doubted():
     assert not warnings(metres)
 
 
-def test_centimetres_taken_for_metres_leave_nothing_in_focus():
-    (line,) = warnings(SCENE * 100)
-    assert "nothing is in focus at 2m: depth goes from 100m to 4000m" in line
-    assert line.endswith("check ‹depth-unit› and ‹focus›")
+NEAR = SCENE.copy()
+NEAR[0, 0] = 0.06
+
+
+@pytest.mark.parametrize(
+    ("metres", "more", "words"),
+    [
+        # centimetres taken for metres
+        (100 * SCENE, {}, "nothing is in focus at 2m: depth goes from 100m to 4000m"),
+        (100 * SCENE, {}, "check ‹depth-unit› and ‹focus›"),
+        (100 * SCENE, {"declared": True}, "check the declared format or unit and ‹focus›"),
+        # metres taken for millimetres
+        (SCENE / 1000, {}, "nearer than the focal length 50mm in 76800 pixels"),
+        (NEAR, {"lens": lens_values(50.0, 1.0, 2000.0)}, "wider than the picture"),
+        (NEAR, {"lens": lens_values(50.0, 1.0, 2000.0)}, "depth goes from 60mm to 40m"),
+        (np.where(SCENE < 3, 1.0, 20.0), {}, "in focus at 2m: depth goes from 1m to 20m"),
+        (np.full((240, 320), math.inf), {}, "nowhere but to the sky"),
+    ],
+)
+def test_depth_that_does_not_fit_the_lens_is_told(metres, more, words):
+    (line,) = warnings(metres, **more)
+    assert words in line
 
 
 @pytest.mark.parametrize("number", [0, 255, 300, 400])
@@ -53,34 +71,6 @@ def test_a_number_beyond_those_of_the_file_is_not_in_focus(number):
     assert bool(lines) == (number > 255)
     if lines:
         assert f"nothing is in focus at the number {number}: numbers go from 0 to 255" in lines[0]
-
-
-def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length():
-    (line,) = warnings(SCENE / 1000)
-    assert "nearer than the focal length 50mm in 76800 pixels" in line
-
-
-def test_a_blur_wider_than_the_picture_is_told():
-    metres = SCENE.copy()
-    metres[0, 0] = 0.06
-    (line,) = warnings(metres, lens_values(50.0, 1.0, 2000.0))
-    assert "wider than the picture" in line
-    assert "depth goes from 60mm to 40m" in line
-
-
-def test_a_focus_in_a_gap_of_the_scene_is_told():
-    (line,) = warnings(np.where(SCENE < 3, 1.0, 20.0))
-    assert "nothing is in focus at 2m: depth goes from 1m to 20m" in line
-
-
-def test_all_sky_has_no_range():
-    (line,) = warnings(np.full((240, 320), math.inf))
-    assert "nowhere but to the sky" in line
-
-
-def test_whoever_declared_the_unit_is_not_asked_to_declare_it():
-    (line,) = warnings(SCENE * 100, declared=True)
-    assert line.endswith("check the declared format or unit and ‹focus›")
 
 
 @pytest.mark.parametrize(

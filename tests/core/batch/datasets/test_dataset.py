@@ -7,11 +7,11 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 import torch
-from command_line import header, read_exr
+from command_line import header
 from command_line import run as run_command
 from image_files import to_srgb
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
-from records import journalled, pack, write_index
+from records import journalled, write_index
 from refusals import refuses
 
 from defocus_core import BatchDataset, decode_sample, run_batch, samples
@@ -25,22 +25,6 @@ def carried_out(folder, text, name="out"):
     todo, out = jobs(folder, text + HIGH, inputs=INPUTS, out=name), folder / name
     summary = run.run(todo, out, run.Execution(pipeline.execute))
     return summary, journalled(out)
-
-
-def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path):
-    pictures(tmp_path)
-    summary, records = carried_out(tmp_path, LENS + SAMPLE)
-    assert summary.statuses == {"ok": 8}
-    write_index(tmp_path / "out", records)
-    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
-    assert sorted(found) == [f"{name}_s00{index}" for name in "ab" for index in range(4)]
-    for sample in found.values():
-        told = header(sample.files["coc"])
-        assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"
-        radius = read_exr(sample.files["coc"])["coc"]
-        assert sample.coc_px == (radius.min(), radius.max())
-    shards = pack(tmp_path / "out", records, 10**9)
-    assert [path.name for path in shards] == ["samples-000000.tar"]
 
 
 def index(folder, text):

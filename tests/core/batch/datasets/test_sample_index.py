@@ -52,12 +52,6 @@ def test_neither_time_nor_place_is_in_it(tmp_path):
     assert not [word for word in ("seconds", "mtime", "time", "finished") if f'"{word}' in text]
 
 
-def test_the_last_record_of_a_sample_counts(tmp_path):
-    first, later = record(tmp_path, "a", ["render"]), record(tmp_path, "a", ["coc"])
-    (line,) = written(tmp_path, first, later)
-    assert set(line["outputs"]) == {"coc"}
-
-
 def test_the_index_reads_as_samples(tmp_path):
     far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf", "focus_at_px": [3, 4]}
     written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b", lens=far))
