@@ -252,7 +252,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         **others,
         "color_read_as": take.color_note,
         "depth_read_as": take.depth_words(rendered=bool(kind.rendered)),
-        **_repair(take, kind),
+        **(_repair(take) if kind.rendered else {}),
         **{
             # fields of every lens, without those that decide radii if a file holds them
             row.name.replace("-", "_"): "" if x is None else row.shown(x, 9) + row.optional_unit
@@ -269,10 +269,8 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
     return {f"defocus:{name}": value for name, value in values.items()}
 
 
-def _repair(take: Take, kind: Kind) -> dict[str, str]:
+def _repair(take: Take) -> dict[str, str]:
     """The options and the result of the repair of depth; empty if both are usual."""
-    if not kind.rendered:
-        return {}
     reading = take.job.reading
     asked = [f"‹depth-repair› {reading.depth_repair}"] * (reading.depth_repair != "auto")
     if reading.edge_width is not None:

@@ -63,21 +63,17 @@ def keep(out: Path, source: JobsSource) -> bool:
         name, data = _KEPT_TABLES, source.data
     else:
         name, data = KEPT, _MARK + source.data.removeprefix(_MARK)
-    before = _kept(out, name)
-    if before is not None and not before.startswith(_MARK) and not _is_of_tables(before):
+    before, tables = _kept(out, name), None
+    with suppress(ValueError, RecursionError):
+        tables = json.loads(before or b"")
+    is_ours = isinstance(tables, dict) and "inputs" in tables
+    if before is not None and not before.startswith(_MARK) and not is_ours:
         if source.path is None or source.path.resolve() != (out / KEPT).resolve():
             note(f"{out / name}: is not of this batch, and stays; what was asked for is not kept")
     elif before != data:
         with written_whole(out / name, out) as file:
             file.write(data)
         return True
-    return False
-
-
-def _is_of_tables(data: bytes) -> bool:
-    with suppress(ValueError, RecursionError):
-        tables = json.loads(data)
-        return isinstance(tables, dict) and "inputs" in tables
     return False
 
 

@@ -87,8 +87,11 @@ def find(
         problem = "chooses frames, but no path numbers them"
         remedy = "give patterns like 'shot.####.exr'"
         raise UsageProblem("idle-option", problem, remedy, path=frames.source)
-    if depth is not None:
-        _refuse_frames(color, depth)
+    names = [_NUMBER.sub("#", path.name) for path in (color, depth or color)]
+    if depth not in (None, color) and color.parent == depth.parent and names[0] == names[1]:
+        problem = f"looks like the next frame of {color.name}, not its depth"
+        remedy = f"quote a pattern, like '{names[0].replace('#', '####', 1)}'"
+        raise UsageProblem("contradiction", problem, remedy, path=depth)
     with_text = patterns_in is not None and all(
         texts_before(path) == texts_before(color) for path in paths
     )
@@ -142,15 +145,6 @@ def others_of(paths: Mapping[str, Path], where: Place) -> Others:
                 path=where.with_field(f"{role}-depth"),
             )
     return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
-
-
-def _refuse_frames(color: Path, depth: Path) -> None:
-    """Refuse two frames as colour and depth, into which a shell has expanded a pattern."""
-    names = [_NUMBER.sub("#", path.name) for path in (color, depth)]
-    if color != depth and color.parent == depth.parent and names[0] == names[1]:
-        problem = f"looks like the next frame of {color.name}, not its depth"
-        remedy = f"quote a pattern, like '{names[0].replace('#', '####', 1)}'"
-        raise UsageProblem("contradiction", problem, remedy, path=depth)
 
 
 def _shot(

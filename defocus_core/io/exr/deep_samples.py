@@ -155,21 +155,16 @@ def _unpack(data: bytes, size: int, compression: int) -> bytes:
     """Unpacked bytes of a given size; data of this size were never packed."""
     if compression == NONE or len(data) == size:
         unpacked = data
-    else:
-        unpacked = _order(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+    else:  # differences of bytes, of which the even ones stand before the odd ones
+        steps = np.frombuffer(zlib.decompressobj().decompress(data, size + 1), np.uint8).copy()
+        steps[1:] -= np.uint8(128)
+        of_both = np.cumsum(steps, dtype=np.uint8)
+        ordered, half = np.empty_like(of_both), (len(of_both) + 1) // 2
+        ordered[0::2], ordered[1::2] = of_both[:half], of_both[half:]
+        unpacked = ordered.tobytes()
     if len(unpacked) != size:
         raise ValueError(f"{len(unpacked)} bytes in place of {size}")
     return unpacked
-
-
-def _order(data: bytes) -> bytes:
-    """Bytes from differences of bytes whose even ones stand before the odd ones."""
-    steps = np.frombuffer(data, np.uint8).copy()
-    steps[1:] -= np.uint8(128)
-    bytes_ = np.cumsum(steps, dtype=np.uint8)
-    ordered, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
-    ordered[0::2], ordered[1::2] = bytes_[:half], bytes_[half:]
-    return ordered.tobytes()
 
 
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"

@@ -204,6 +204,11 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     orientation = spec.get_int_attribute("Orientation", 1)
     if orientation in SIDEWAYS:
         width, height = height, width
+    head, bits = read_head(path, 32), spec.get_int_attribute("oiio:BitsPerSample", 0)
+    if head.startswith(b"\x89PNG") and spec.nchannels == 1:
+        bits = head[24]
+    # OpenImageIO stretches the numbers of fewer bits to 8 or 16
+    is_stretched = 0 < bits < 8 * spec.format.size() and str(spec.format) in _INTEGERS
     return Raster(
         *(width, height, tuple(_canonical(spec)), str(spec.format)),
         color_space(spec),
@@ -211,19 +216,10 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         deep=bool(spec.deep),
         orientation=orientation,
         page=page,
-        bits=_fewer_bits(path, spec),
+        bits=bits if is_stretched else 0,
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
         tags=tags_of(spec),
     )
-
-
-def _fewer_bits(path: Path, spec: Any) -> int:
-    """Bits of a sample whose numbers OpenImageIO stretches to 8 or 16 bits; else 0."""
-    head = read_head(path, 32)
-    bits = spec.get_int_attribute("oiio:BitsPerSample", 0)
-    if head.startswith(b"\x89PNG") and spec.nchannels == 1:
-        bits = head[24]
-    return bits if 0 < bits < 8 * spec.format.size() and str(spec.format) in _INTEGERS else 0
 
 
 def _canonical(spec: Any) -> Iterator[str]:
