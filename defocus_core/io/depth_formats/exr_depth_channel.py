@@ -95,22 +95,17 @@ def choose_depth_channel(
         for each in every:
             if fnmatchcase(each.name, pattern):
                 return each
-    candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
-        candidates = every
-    if not candidates:
-        candidates = [c for c in every if last_word(c.name).lower() == "z" and not _is_of_vector(c)]
+    named = [c for c in every if _is_depth(c)]
+    lone = [c for c in every if len(every) == 1 and c.name not in NO_DEPTH]
+    zs = [c for c in every if last_word(c.name).lower() == "z" and not _is_of_vector(c)]
+    candidates = named or lone or zs
+    layers = [last_word(c.name.rpartition(".")[0]).lower() for c in candidates]
     if len(candidates) > 1:  # "Denoising Depth" beside "Depth"
-        layers = {_own_layer(c) for c in candidates}
-        candidates = [
-            c
-            for c in candidates
-            if _own_layer(c).rpartition(" ")[2] not in layers or " " not in _own_layer(c)
-        ]
-    if len(candidates) > 1:
-        # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
-        in_depth_part = [c for c in candidates if last_word(c.header.name).lower() == "depth"]
-        candidates = in_depth_part if len(in_depth_part) == 1 else candidates
+        pairs = zip(candidates, layers, strict=True)
+        candidates = [c for c, of in pairs if " " not in of or of.rpartition(" ")[2] not in layers]
+    # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
+    in_depth_part = [c for c in candidates if last_word(c.header.name).lower() == "depth"]
+    candidates = in_depth_part if len(in_depth_part) == 1 else candidates
     colors = {each.name: each.source for each in every}
     if not candidates and set("RGB") <= colors.keys() <= set("RGBA"):
         return ChannelGroup(every[0].header, "R", {name: colors[name] for name in "RGB"})
@@ -124,11 +119,6 @@ def choose_depth_channel(
         remedy = f"if one of them is the depth, say ‹depth-channel› {quoted(next(likely, 'NAME'))}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return only(path, candidates, "depth channel", "‹depth-channel›")
-
-
-def _own_layer(candidate: ChannelGroup) -> str:
-    """The layer that a channel is in, without those above, in small letters."""
-    return last_word(candidate.name.rpartition(".")[0]).lower()
 
 
 def _is_depth(candidate: ChannelGroup) -> bool:
