@@ -1,7 +1,6 @@
 """``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
 
 import json
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -10,9 +9,6 @@ from command_line import color_exr, depth_exr, failed, refused, run
 from reference import flatten, layered, lens_points
 from renderers import HAS_LOOPS
 from scenes import SIZE, card_layers
-
-from defocus_core.bench import measured_shots
-from defocus_core.evaluation.metrics import Errors
 
 FIELDS = ["psnr", "psnr_edges", "psnr_elsewhere", "rel_rmse", "ssim", "p999"]
 
@@ -77,14 +73,3 @@ def test_a_missing_truth_is_named(tiny, tmp_path):
 
 def test_a_set_must_be_named_outside_the_repository(here):
     refused(bench(), 2, "missing-option", "truth")
-
-
-def row(method, psnr):
-    errors = Errors(psnr, None, psnr, 0.1, 0.9, 0.1)
-    return {"method": method, "seconds": 1.0, "fft_units": 2.0, **asdict(errors)}
-
-
-def test_means_cap_what_is_easy():
-    means = measured_shots.means([row("standard", 30.0), row("standard", 64.0), row("sum", 20.0)])
-    assert [(mean["method"], mean["shots"]) for mean in means] == [("standard", 2), ("sum", 1)]
-    assert (means[0]["psnr"], means[0]["psnr_edges"], means[0]["fft_units"]) == (40.0, None, 2.0)

@@ -76,16 +76,6 @@ def test_recipes_that_differ_come_before_the_pixels(made, tmp_path):
     ]
 
 
-def test_another_version_is_said(made, tmp_path):
-    journal = copied(made[1], tmp_path / "two") / "journal.jsonl"
-    text = journal.read_text()
-    assert '"version":' in text
-    journal.write_text(text.replace('"version":"', '"version":"99.'))
-    (line, _) = run("compare", made[1], journal.parent).out.splitlines()
-    assert line.startswith("recipe: version 99.")
-    assert line.endswith("in 2 of 2 samples")
-
-
 def test_samples_pair_whatever_their_format(made):
     folder, one, _ = made
     two = batch(folder, "png", format="png16")

@@ -133,17 +133,3 @@ def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path):
     assert count == 4
     assert "4 with warnings in the journal" in ran.err
     assert f"  warning: {kind} (and 3 more like it)\n" in ran.err
-
-
-def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path):
-    good, bad = depth_exr(tmp_path / "z.exr"), tmp_path / "bad.exr"
-    bad.write_bytes(b"no picture")
-    for words, key, subject in (
-        (("depth", good, bad, "-o", tmp_path / "out"), "files", bad),
-        (("info", good, bad), "files", bad),
-    ):
-        ran = run(*words, "--json")
-        assert ran.code == 3
-        assert len(ran.json[key]) == 1
-        failed = next(each for each in ran.json["failed"] if each["subject"] == str(subject))
-        assert failed["problem"] in ran.err

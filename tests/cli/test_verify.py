@@ -4,12 +4,11 @@ import pytest
 from command_line import run
 
 from defocus_core.evaluation import lens_laws
-from defocus_core.evaluation.lens_laws import Law, LawSetting
 
-HOLDS = Law("white", "white over a slope", "-", 1e-5, lambda setting: [3e-7])
-BROKEN = Law("disc", "off r", "%", 1.0, lambda setting: [2.5, 0.1])
-NOT_A_NUMBER = Law("focus", "change", "-", 1e-6, lambda setting: [float("nan")])
-SKIPPED = Law("CPU and GPU", "difference", "-", 1e-4, lambda setting: [])
+HOLDS = lens_laws.Law("white", "white over a slope", "-", 1e-5, lambda setting: [3e-7])
+BROKEN = lens_laws.Law("disc", "off r", "%", 1.0, lambda setting: [2.5, 0.1])
+NOT_A_NUMBER = lens_laws.Law("focus", "change", "-", 1e-6, lambda setting: [float("nan")])
+SKIPPED = lens_laws.Law("CPU and GPU", "difference", "-", 1e-4, lambda setting: [])
 
 
 def test_the_table_names_what_fails_and_what_was_skipped(monkeypatch):
@@ -25,7 +24,7 @@ def test_the_table_names_what_fails_and_what_was_skipped(monkeypatch):
 
 @pytest.mark.parametrize("law", [HOLDS, BROKEN, NOT_A_NUMBER, SKIPPED])
 def test_json_says_the_same(law, monkeypatch):
-    asked: list[LawSetting] = []
+    asked: list[lens_laws.LawSetting] = []
 
     def numbers(setting):
         asked.append(setting)
@@ -33,7 +32,7 @@ def test_json_says_the_same(law, monkeypatch):
 
     monkeypatch.setattr(lens_laws, "LAWS", (law._replace(numbers=numbers),))
     ran = run("verify", "--json", "--device", "cpu", "--quality", "high", "--threads", "3")
-    assert asked == [LawSetting("cpu", "high", 3)]
+    assert asked == [lens_laws.LawSetting("cpu", "high", 3)]
     ok = law in (HOLDS, SKIPPED)
     assert ran.code == (0 if ok else 1)
     told = ran.json

@@ -26,7 +26,6 @@ from defocus_core.evaluation.lens_laws import LAWS, LawSetting, strips, waves
 from defocus_core.fitting.pictures import Scale, clipped
 from defocus_core.fitting.residual import Point, Residual
 from defocus_core.renderer.engine import regions
-from defocus_core.renderer.engine.regions import Region
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
@@ -210,7 +209,7 @@ def test_little_memory_makes_more_tiles_of_the_same_picture(device, monkeypatch)
 def test_tiles_wait_for_nothing(device, kind, monkeypatch):
     image, radius = scene(kind)
     waited: list[int] = []
-    tile = Region.tile
+    tile = regions.Region.tile
 
     def noted(self, index):
         with Launches(device.name) as counts:
@@ -218,7 +217,7 @@ def test_tiles_wait_for_nothing(device, kind, monkeypatch):
         waited.append(counts.waits)
         return found
 
-    monkeypatch.setattr(Region, "tile", noted)
+    monkeypatch.setattr(regions.Region, "tile", noted)
     with torch.no_grad(), device.known(), Launches(device.name) as every:
         render(device.there(image), device.there(radius), left_right=True, tile=32)
     assert every.waits, "a wait is not seen"

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.journal.resume import versions
 from defocus_core.batch.workers import dask_pool, pipeline, pool
-from defocus_core.batch.workers.pool import READY
 from defocus_core.picture import plain_path
 
 REAL_DO = dask_pool.do
@@ -33,7 +32,7 @@ def result_of(job):
 
 def serve(connection):
     """Do what comes through the connection."""
-    connection.send(READY)
+    connection.send(pool.READY)
     while (numbered := connection.recv()) is not None:
         number, job = numbered
         connection.send((number, result_of(job)))
@@ -53,7 +52,7 @@ def serve_slowly(connection):
 
 def serve_on(connection):
     """Import something that takes a minute."""
-    connection.send(READY)
+    connection.send(pool.READY)
     plain_path.load = lambda: time.sleep(60)
     pool.serve(connection)
 

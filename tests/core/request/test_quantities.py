@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from defocus_core.request import quantities
-from defocus_core.request.quantities import QuantityError
 
 READ = (
     (quantities.length, {"50mm": 50, "2.5cm": 25, "2m": 2000, "2.3m": 2300, "1in": 25.4}),
@@ -46,7 +45,7 @@ def test_a_quantity_is_its_number_times_its_unit(parse, values):
 @pytest.mark.parametrize(("parse", "texts", "words"), REFUSED)
 def test_what_is_no_such_quantity_is_refused_with_an_example(parse, texts, words):
     for text in texts:
-        with pytest.raises(QuantityError) as raised:
+        with pytest.raises(quantities.QuantityError) as raised:
             parse(text)
         assert words in str(raised.value)
 

@@ -45,13 +45,6 @@ def test_samples_are_sorted_by_name_whatever_the_order_of_the_records(tmp_path):
     assert found == written(tmp_path, one, {**two, "seconds": {"render": 1.0}})
 
 
-def test_neither_time_nor_place_is_in_it(tmp_path):
-    written(tmp_path, record(tmp_path, "a"))
-    text = (tmp_path / "metadata.jsonl").read_text()
-    assert str(tmp_path) not in text
-    assert not [word for word in ("seconds", "mtime", "time", "finished") if f'"{word}' in text]
-
-
 def test_the_index_reads_as_samples(tmp_path):
     far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf", "focus_at_px": [3, 4]}
     written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b", lens=far))

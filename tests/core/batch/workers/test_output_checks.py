@@ -37,11 +37,3 @@ def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path):
             refuse_misplaced(jobs_for(pictures, Outputs(out)))
     (tmp_path / "named").symlink_to("elsewhere")
     refuse_misplaced(jobs_for(pictures, Outputs(tmp_path / "named")))
-
-
-def test_a_file_in_place_of_a_directory_is_refused(tmp_path):
-    pictures = [PictureFiles("a", tmp_path / "a", tmp_path / "z")]
-    file = touch(tmp_path, "out") / "out"
-    for root in (file, file / "deeper"):
-        with refuses("wrong-type", path=file):
-            refuse_misplaced(jobs_for(pictures, Outputs(root)))

@@ -12,7 +12,6 @@ from refusals import refuses
 from defocus_core.io.array_files import read_entries, read_map
 from defocus_core.io.depth_formats import depth
 from defocus_core.io.images import describe as describing
-from defocus_core.io.images.describe import describe
 from defocus_core.io.read_files import MAX_PIXELS
 
 
@@ -35,7 +34,7 @@ def test_npy_obeys_the_limit_of_pixels(shape, tmp_path):
     path = tmp_path / "a.npy"
     with path.open("wb") as file:
         claims(file, shape)
-    for read in (describe, read_map):
+    for read in (describing.describe, read_map):
         with refuses("too-large", f"{shape[-1]}×{shape[-2]} px", path=path):
             read(path)
 
@@ -90,7 +89,7 @@ def test_the_header_of_a_member_is_read_no_longer_than_headers_are(tmp_path):
         archive.writestr("a.npy", header + b" " * size)
     tracemalloc.start()
     with refuses("damaged", path=path):
-        describe(path)
+        describing.describe(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < size / 8
@@ -100,4 +99,4 @@ def test_a_container_of_too_many_arrays_is_refused(tmp_path):
     names = [str(number) for number in range(4097)]
     assert len(read_entries(npz_claims(tmp_path / "a.npz", (2, 2), *names[1:]))) == 4096
     with refuses("too-large", "more than 4096 arrays"):
-        describe(npz_claims(tmp_path / "a.npz", (2, 2), *names))
+        describing.describe(npz_claims(tmp_path / "a.npz", (2, 2), *names))

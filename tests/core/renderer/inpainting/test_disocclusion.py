@@ -40,18 +40,6 @@ def test_behind_a_wire_comes_what_is_beside_it(level):
     assert (hidden.color[0][on_wire][of_sky] - 1).abs().max() < 1e-6
 
 
-@pytest.mark.parametrize("level", [0, 1])
-def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(level):
-    wires = slice(24, 26)
-    image, radius = street(wires)
-    radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
-    hidden = hidden_layer(image, radius, level=level)
-    step = 1 << level
-    rows, columns = slice(26 // step, 38 // step), slice(wires.start // step, wires.stop // step)
-    assert bool(hidden.mask[rows, columns].all())
-    assert hidden.signed_radius[rows, columns].abs().max() < 1e-6
-
-
 @pytest.mark.parametrize("quality", ["standard", "high"])
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("wires", [WIRES, slice(24, 26)], ids=["amid", "aside"])
