@@ -34,7 +34,7 @@ from defocus_core.io.depth_formats.reading import (
 )
 from defocus_core.io.depth_formats.rules import linear
 from defocus_core.io.depth_formats.sidecars import with_sidecar
-from defocus_core.io.depth_formats.table import NAMES, OF_PHOTOGRAPHS, DepthFormat
+from defocus_core.io.depth_formats.table import NAMES, OF_PHOTOGRAPHS
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images import raster
@@ -150,8 +150,11 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
         channels = {3: "8-bit RGB", 4: "8-bit RGBA"} if page.type == "uint8" else {}
         file_type = channels.get(len(page.channels), kind)
         values = raster.read_samples(path, page.page)
-        if file_type in row.files:
-            values = _unpacked(values, row)
+        if file_type in row.files and row.weights:
+            planes = values[..., : len(row.weights)].astype(np.float64)
+            values = planes @ np.array(row.weights)
+        elif file_type in row.files:  # OpenCV reads B, G, R, A: these are its bytes, little endian
+            values = np.ascontiguousarray(values[..., [2, 1, 0, 3]]).view("<f4")[..., 0]
         return DepthNumbers(path, values, file_type, kind)
     _refuse_unsuited(path, page, reading)
     samples = raster.read_samples(path, page.page)[:, first:]
@@ -168,16 +171,6 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
         values = values.astype(np.uint16).view(np.float16)
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(page.type, "float TIFF")
     return DepthNumbers(path, values, file_type, kind, greatest=greatest)
-
-
-def _unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
-    """Numbers [H, W] of the pixels [H, W, C] of 8 bits that hold one number each."""
-    if row.weights:
-        planes = samples[..., : len(row.weights)].astype(np.float64)
-        numbers: NDArray[Any] = planes @ np.array(row.weights)
-        return numbers
-    # OpenCV reads B, G, R, A: these are its bytes, little endian
-    return np.ascontiguousarray(samples[..., [2, 1, 0, 3]]).view("<f4")[..., 0]
 
 
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:

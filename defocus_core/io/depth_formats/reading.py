@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.read_files import is_heic, is_jpeg, once, read_head
+from defocus_core.io.read_files import is_heic, is_jpeg, once, open_plain, read_head
 
 KINDS = ("depth", "disparity")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
 ALICEVISION, OF_NUKE = "AliceVision:", "nuke/"  # begin the names of attributes
 XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
+_LARGEST = 1 << 28  # bytes of a photograph
 PICTURES = b"MPF\0"  # begins the list of further pictures in a JPEG
 _OF_APPLE = re.compile(rb"""apdi:AuxiliaryImageType\s*(?:=\s*["']|>)(?:depth|disparity)\b""")
 
@@ -41,7 +42,8 @@ def own_format(path: Path) -> str:
 @once
 def _holds_depth_of_apple(path: Path) -> bool:
     """Whether a further picture in a JPEG says that it is depth, as none but Apple's do."""
-    return _OF_APPLE.search(path.read_bytes()) is not None
+    with open_plain(path) as file:
+        return _OF_APPLE.search(file.read(_LARGEST)) is not None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -132,10 +132,8 @@ def _far_away(wanted: InputPair) -> InputPair:
     if reading.holds_radii:
         what, remedy = "radii", "give them as ‹over-depth› RADII"
         if reading.relative:
-            what, remedy = (
-                "disparity",
-                "give it as ‹over-depth› DEPTH, of the scale of the element's",
-            )
+            what = "disparity"
+            remedy = "give it as ‹over-depth› DEPTH, of the scale of the element's"
         raise InputError("radii", f"has no {what}", remedy, path=picture.color)
     color = read_color(picture.color, view=reading.view, overscan=overscan)
     require_finite(color)
