@@ -40,10 +40,9 @@ _LOOKED_AT = 1 << 20  # pixels
 # Within this share of the longer side a surface changes by at most this share of all disparities: a
 # floor that spans all of them in half of the picture changes by half of it, an edge by more.
 _NEAR_BY, _STEP = 0.01, 0.04
-# Shares of all numbers that a surface in focus may span; the index of that for a surface that grows
-# with the share, like a floor; and the relative growth that counts as none.
-_THICKNESSES, _OF_FLOOR, _GROWTH = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4), 2, 0.3
-_PLACES = 17  # places of such a range about the number in focus that are tried
+# Greatest difference of disparity, as a share of all, from the pixel in focus to the rest of its
+# surface, and of a floor, which has no end.
+_AS_NEAR, _OF_FLOOR = 0.22, 0.075
 _SEARCHED = 1 << 17  # pixels
 _EVEN = 0.15  # evidence of the near end below which it is unknown
 _UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
@@ -74,16 +73,17 @@ def subject_of(depth: Depth) -> FoundPixel:
     an edge.
     """
     every, step = _looked_at(depth)
-    if not np.isfinite(every).any():
+    known, standing = np.isfinite(every), _stands(every)
+    if not known.any():
         return FoundPixel(depth.size[0] // 2, depth.size[1] // 2, depth.size)
     weight = np.outer(*(1 - np.abs((2 * np.arange(n) + 1) / n - 1) for n in every.shape))
-    standing = _standing(every)
+    standing = standing if standing.any() else known
     order = np.argsort(-every[standing], kind="stable")
     nearest_first, weights = every[standing][order], weight[standing][order]
     thickness = _THICKNESS * _range(every)
     ends = np.searchsorted(-nearest_first, thickness - nearest_first, side="right")
     below = np.append(0.0, np.cumsum(weights))
-    share = (below[ends] - below[:-1]) / weight[np.isfinite(every)].sum()
+    share = (below[ends] - below[:-1]) / weight[known].sum()
     first = int(np.argmax(share >= min(_LEAST_SHARE, share.max())))
     surface, weights = (each[first : ends[first]] for each in (nearest_first, weights))
     own = standing & (every <= surface[0]) & (every >= surface[-1])
@@ -94,14 +94,14 @@ def subject_of(depth: Depth) -> FoundPixel:
     return FoundPixel(step * int(x), step * int(y), depth.size)
 
 
-def _standing(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a disparity [H, W] is known and about the same above and below; anywhere if nowhere."""
-    known, reach = np.isfinite(disparity), max(1, round(_ABOVE * len(disparity)))
-    framed = np.pad(disparity, [(reach, reach), (0, 0)], mode="edge")
-    with np.errstate(invalid="ignore"):
-        change = np.abs(framed[2 * reach :] - framed[: -2 * reach])
-    standing = known & (change <= _STEP * _range(disparity))
-    return standing if standing.any() else known
+def _stands(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where a disparity [H, W] is known and about the same a little above or below."""
+    reach = max(1, round(_ABOVE * len(disparity)))
+    framed = np.pad(disparity, [(reach, reach), (0, 0)], constant_values=np.nan)
+    above, below = (
+        np.abs(part - disparity) for part in (framed[: -2 * reach], framed[2 * reach :])
+    )
+    return np.asarray(np.fmin(above, below) <= _STEP / 2 * _range(disparity))
 
 
 def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
@@ -145,46 +145,29 @@ def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
 def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     """The range of numbers of the surface at a pixel of relative depth; None if it has only one.
 
-    The surface is the connected pixels with numbers in a range. A range that can grow without
-    adding pixels ends at the edges of a subject (maximally stable regions, J. Matas et al., BMVC
-    2002). A floor always grows; its range is 15 % of all numbers.
+    The surface is what stands, is connected with the pixel, and about as near. Where nothing
+    stands, it is a part of the floor.
     """
     every, step = _looked_at(depth)
     finer = math.isqrt(every.size // _SEARCHED) + 1
     every, step = every[::finer, ::finer], step * finer
     lowest, highest, limit = _local_range(every)
-    here = pixel.y // step, pixel.x // step
-    smooth = highest - lowest <= limit
+    here, smooth, stands = (
+        (pixel.y // step, pixel.x // step),
+        highest - lowest <= limit,
+        _stands(every),
+    )
+    if stands.any():
+        smooth &= stands
     alike = np.argwhere(smooth & (np.abs(every - every[here]) <= limit))
     if not len(alike):
         return None
     place = tuple(alike[np.argmin(np.hypot(*(alike - here).T))])
-    whole = _stable([_largest(smooth, every, place, share) for share in _THICKNESSES])
+    reach = (_AS_NEAR if stands.any() else _OF_FLOOR) * _range(every)
+    whole = _connected(smooth & (np.abs(every - every[place]) <= reach), place)
     numbers = depth.metres[:][::step, ::step][whole]
     low, high = float(numbers.min()), float(numbers.max())
     return Unitless((low, high)) if low < high else None
-
-
-def _largest(
-    smooth: NDArray[np.bool_], every: NDArray[np.float64], place: tuple[int, int], share: float
-) -> NDArray[np.bool_]:
-    """The largest surface through a place that spans a share of all numbers."""
-    thickness, apart = share * _range(every), every - every[place]
-    within = (
-        smooth & (apart >= -below) & (apart <= thickness - below)
-        for below in np.linspace(0.0, thickness, _PLACES)
-    )
-    return max((_connected(mask, place) for mask in within), key=np.count_nonzero)
-
-
-def _stable(surfaces: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """The last of the first surfaces of `_THICKNESSES` that hardly grow, or that of a floor."""
-    areas, shares = np.array([np.count_nonzero(each) for each in surfaces]), np.array(_THICKNESSES)
-    calm = np.diff(areas) / areas[:-1] < _GROWTH * np.diff(shares) / shares[:-1]
-    if not calm.any():
-        return surfaces[_OF_FLOOR]
-    first = int(np.argmax(calm))
-    return surfaces[first + int(np.argmin([*calm[first:], False]))]
 
 
 def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bool_]:

@@ -54,7 +54,7 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_p
     both = run("render", *folders, "-o", tmp_path / "all", *chosen)
     assert both.err.count("black is near, but white is taken as near; say --invert") == 2
     black = run("render", *files, "-o", tmp_path / "a.png", "--invert", "--blur", "9px")
-    assert taken(black.err) == "--focus-at 59,58"
+    assert taken(black.err) == "--focus-at 59,59"
 
 
 def test_all_of_the_subject_is_in_focus_unless_something_says_the_focus(tmp_path):
