@@ -99,23 +99,14 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
 
 
 def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Radii and mean colours of the coarse pixels.
-
-    A coarse pixel of an even length holds two pixels, that of an odd length every second pixel and
-    its neighbours. The radius is one of theirs, neither the least nor the greatest.
-    """
-    radii, colors, own = signed_radius.detach(), pixels.detach(), []
-    for dim in (-2, -1):
-        length = radii.shape[dim]
-        start = length // 2 % 2 if length % 2 else 0
-        index = torch.arange(start, length - 1 + length % 2, 2, device=radii.device)
-        before, after = (index - 1, index + 1) if length % 2 else (index, index + 1)
-        places = [i.clamp(0, length - 1) for i in (before, index, after)]
-        left, middle, right = (colors.index_select(dim, place) for place in places)
-        colors = (left + 2 * middle + right) / 4 if length % 2 else (left + right) / 2
-        own.append((places[1], places[1] if length % 2 else places[2]))
-    four = [radii[y][:, x] for y in own[0] for x in own[1]]
-    return torch.stack(four, -1).sort(-1).values[..., 1].contiguous(), colors
+    """Radii and mean colours of 2×2 px; the radius is neither the least nor the greatest."""
+    H, W = signed_radius.shape
+    radii, colors = (
+        torch.nn.functional.pad(each.detach()[None], (0, W % 2, 0, H % 2), mode="replicate")[0]
+        for each in (signed_radius[None], pixels)
+    )
+    four = torch.stack([radii[0, y::2, x::2] for y in (0, 1) for x in (0, 1)])
+    return four.sort(0).values[1].contiguous(), torch.nn.functional.avg_pool2d(colors, 2)
 
 
 def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
