@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
-from typing import NamedTuple
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed
@@ -215,15 +214,6 @@ _AROUND_MATTE = 8
 _NEARER = off_round(0.03)
 
 
-class _Range(NamedTuple):
-    """The radii [H, W] px of one side in the square around each pixel."""
-
-    nearest: Tensor  # the least; 0 where the side has no pixel
-    farthest: Tensor  # the greatest; 0 where it has none
-    mean: Tensor  # their mean; 0 where it has none
-    known: Tensor  # bool, whether it has a pixel
-
-
 def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
     """Radii [H, W] px whose edges are those of a matte [H, W], where its sides differ in depth.
 
@@ -231,35 +221,22 @@ def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
     between both sides.
     """
     subject = matte >= SUBJECT
-    of_subject, of_rest = (_range_of(signed_radius, mask) for mask in (subject, ~subject))
-    own, other = (
-        _Range(*(torch.where(subject, a, b) for a, b in zip(one, two, strict=True)))
-        for one, two in ((of_subject, of_rest), (of_rest, of_subject))
-    )
-    subject_is_near = of_subject.mean < of_rest.mean + _NEARER
-    is_near = subject == subject_is_near
-    radius = torch.where(is_near, own.nearest, own.farthest)
-    apart = radius - torch.where(is_near, other.farthest, other.nearest)
-    return torch.where(own.known & other.known & (apart.abs() > EDGE), radius, signed_radius)
+    of_subject, of_rest = (_ends_around(signed_radius, mask) for mask in (subject, ~subject))
+    own = torch.where(subject, of_subject, of_rest)
+    other = torch.where(subject, of_rest, of_subject)
+    is_near = subject == (of_subject.sum(0) < of_rest.sum(0) + 2 * _NEARER)
+    radius = torch.where(is_near, own[0], own[1])
+    apart = radius - torch.where(is_near, other[1], other[0])
+    known = torch.cat([own, other]).isfinite().all(0)
+    return torch.where(known & (apart.abs() > EDGE), radius, signed_radius)
 
 
-def _range_of(signed_radius: Tensor, mask: Tensor) -> _Range:
-    """The radii of the pixels [H, W] of a mask in the square around each pixel."""
+def _ends_around(signed_radius: Tensor, mask: Tensor) -> Tensor:
+    """The least and the greatest radius [2, H, W] px of a mask [H, W] in the square around each.
 
-    def greatest(values: Tensor) -> Tensor:
-        return _pooled(torch.where(mask, values, -torch.inf), torch.nn.functional.max_pool2d)
-
-    farthest, nearest = greatest(signed_radius), -greatest(-signed_radius)
-    known = farthest > -torch.inf
-    count = _pooled(mask.to(signed_radius), torch.nn.functional.avg_pool2d)
-    total = _pooled(torch.where(mask, signed_radius, 0.0), torch.nn.functional.avg_pool2d)
-    mean = total / torch.where(known, count, 1.0)
-    nearest, farthest = (torch.where(known, each, 0.0) for each in (nearest, farthest))
-    return _Range(nearest, farthest, mean, known)
-
-
-def _pooled(values: Tensor, pool: Callable[..., Tensor]) -> Tensor:
-    """A pool of the square around each pixel [H, W]: first of the columns, then of the rows."""
-    side, values = 2 * _AROUND_MATTE + 1, values[None, None]
-    values = pool(values, (side, 1), 1, (_AROUND_MATTE, 0))
-    return pool(values, (1, side), 1, (0, _AROUND_MATTE))[0, 0]
+    They are infinite where the mask has no pixel.
+    """
+    side, sign = 2 * _AROUND_MATTE + 1, signed_radius.new_tensor([-1.0, 1.0])[:, None, None]
+    ends = torch.where(mask, sign * signed_radius, -torch.inf)[None]
+    ends = torch.nn.functional.max_pool2d(ends, (side, 1), 1, (_AROUND_MATTE, 0))
+    return sign * torch.nn.functional.max_pool2d(ends, (1, side), 1, (0, _AROUND_MATTE))[0]
