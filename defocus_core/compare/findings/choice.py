@@ -109,8 +109,7 @@ def _chosen(
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
     """The fits of possible causes, up to those of the first module that explain nearly all."""
-    is_light, least = evidence.is_light, math.inf
-    models = dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= is_light)
+    models, least = dict.fromkeys(row.model for row in CAUSES if row.looks == looks), math.inf
     for module, some in groupby(models, lambda model: model.partition(".")[0]):
         if least <= _NEARLY_ALL:
             return

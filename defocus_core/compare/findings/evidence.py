@@ -32,7 +32,6 @@ _PART_OF = 0.6  # greatest share of a picture in the rectangle of a patch
 _SMOOTH = 0.1  # least share of a difference that neighbours have in common
 _LESS = 0.98  # greatest residual of a model beside noise
 _SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
-LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
 # RMS rounding error of number types on the scale of differences: absolute, and relative.
 _ROUNDING = {"uint8": (0.41 / 255, 0.0), "uint16": (0.41 / 65535, 0.0), "half": (0.0, 4e-4)}
 _FLOAT = (0.0, 1e-6)

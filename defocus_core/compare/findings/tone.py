@@ -342,7 +342,7 @@ def curve(evidence: Evidence) -> Iterator[Explanation]:
     """B is a curve of A that rises everywhere, the same for all channels."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     used = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
-    there = None if evidence.is_small else _curved(a, b, used)
+    there = _curved(a, b, used) if evidence.is_light and not evidence.is_small else None
     if there is not None:
         values = evidence.unscaled(there)
         fit = evidence.explain(

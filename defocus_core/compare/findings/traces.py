@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
-    LOSSY_CODECS,
     Evidence,
     Explanation,
     blocks_in_turn,
@@ -116,7 +115,7 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
     tint = [sums_of_parts(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
     tinted = float(np.square(tint).sum()) / (len(tint) * power)
     ways: list[tuple[float, str]] = []
-    loses = [codec in LOSSY_CODECS for codec in evidence.codecs] == [False, True]
+    loses = [codec.startswith(("DWA", "B44")) for codec in evidence.codecs] == [False, True]
     if loses and power < _MOST_LOST**2 * change.size:
         means = float(np.square(sums_of_parts(change, _DCT) / _DCT).sum())
         by = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"
