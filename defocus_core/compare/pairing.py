@@ -24,7 +24,8 @@ from defocus_core.io.write_files import Folder
 _RIGHT = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
 _OTHER = _RIGHT | {right: left for left, right in _RIGHT.items()}
 _VIEW = re.compile(rf"(?<![A-Za-z])({'|'.join(_OTHER)})(?![A-Za-z])")
-_FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
+_FRAME = re.compile(r"(.*?)(\d*)(\D*)", re.DOTALL)
+_KINDS = ("render", "left", "right")
 _VERSIONS = ("version", "renderer", "back")
 RECIPE = ".recipe.json"  # suffix of the recipe of a sample, beside accepted pictures
 
@@ -104,40 +105,23 @@ def _pictures(folder: Path) -> dict[str, Path]:
     }
 
 
-def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
-    """Files that may replace another by mistake, with the finding of that.
+def partners(path: Path) -> Iterator[tuple[str, Path]]:
+    """Files that B may be by mistake, with the finding of that.
 
-    These are the other of the left and right view, the views of a render and the reverse, and the
-    frames before and after it.
+    These are the other view, other pictures of a sample, and the frames before and after.
     """
-    if path is None:
-        return
-    view = _view_partner(path)
-    if view is not None:
-        yield "left and right swapped", view
-    kinds = ("render", "left", "right")
-    if path.parent.name in kinds:
-        for kind in kinds:
-            other = path.parent.with_name(kind) / path.name
-            if kind != path.parent.name and other != view and other.is_file():
-                yield f"another view or frame: {kind} in place of {path.parent.name}", other
-    match = _FRAME_NUMBER.search(path.stem)
-    if match is None:
-        return
-    for step in (-1, 1):
-        number = f"{int(match[1]) + step:0{len(match[1])}d}"
-        other = path.with_stem(path.stem[: match.start()] + number + path.stem[match.end() :])
-        if other.is_file():
-            yield f"another view or frame: that of {other.name}", other
-
-
-def _view_partner(path: Path) -> Path | None:
-    """The file of the other one of left and right; the last of folder and name that has one."""
-    stem, folder = other_view(path.stem), other_view(path.parent.name)
-    for partner in (path.with_stem(stem), path.parent.parent / folder / path.name):
-        if partner != path and partner.is_file():
-            return partner
-    return None
+    folder, above = path.parent, path.parent.parent
+    views = [path.with_stem(other_view(path.stem)), above / other_view(folder.name) / path.name]
+    kinds = [above / kind / path.name for kind in _KINDS if folder.name in _KINDS]
+    match = _FRAME.fullmatch(path.stem)
+    assert match is not None  # it may be empty
+    stem, number, rest = match.groups()
+    near = [f"{int(number) + k:0{len(number)}d}" for k in (-1, 1)] if number else []
+    frames = [path.with_stem(stem + frame + rest) for frame in near]
+    for other in dict.fromkeys([*views, *kinds, *frames]):
+        if other != path and other.is_file():
+            name = f"another view or frame: {other.parent.name}/{other.name}"
+            yield "left and right swapped" if other in views else name, other
 
 
 def other_view(name: str) -> str:

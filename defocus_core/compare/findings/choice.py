@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from itertools import groupby
@@ -43,7 +44,7 @@ def diagnose(
 ) -> list[Finding]:
     """The cause of the differences of a pair, or their place, or None."""
     codecs = a.layout.get("compression", ""), b.layout.get("compression", "")
-    evidence = Evidence(pixels, b.types, _others(pixels, a.path), codecs)
+    evidence = Evidence(pixels, b.types, _others(a.path, as_light=pixels.gamma == 1.0), codecs)
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
@@ -159,13 +160,11 @@ def _by_lens(finding: Finding, a: DecodedPicture, b: DecodedPicture) -> Finding:
     return replace(finding, name="another CoC", text=how) if changes else finding
 
 
-def _others(pixels: Pixels, file_a: Path | None) -> dict[str, Mapping[str, Any]]:
+def _others(path: Path, *, as_light: bool) -> dict[str, Mapping[str, Any]]:
     """Channels of files beside that of A, by the finding that B is one of these."""
     others: dict[str, Mapping[str, Any]] = {}
-    for name, path in partners(file_a):
-        try:
-            picture = read_picture(path)
-        except InputError:  # it is compared as a pair of its own
-            continue
-        others[name] = (in_linear_light(picture) if pixels.gamma == 1.0 else picture).planes
+    for name, file in partners(path):
+        with suppress(InputError):  # it is compared as a pair of its own
+            picture = read_picture(file)
+            others[name] = (in_linear_light(picture) if as_light else picture).planes
     return others

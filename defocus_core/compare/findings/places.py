@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Evidence, blocks_in_turn
+from defocus_core.compare.findings.evidence import Evidence
 from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.picture import DecodedPicture, read_picture
 from defocus_core.compare.selection import beside_jumps, widened
@@ -54,17 +54,13 @@ def place_of(
     total = float(power.sum())
     if evidence.is_small or total**2 < _FEWEST * float(np.square(power).sum()):
         return None
-    measures, told = ~blocks_in_turn(evidence.size)[cut], []
-    ends = zip(corner[::-1], evidence.size, strict=True)
+    ends, told = zip(corner[::-1], evidence.size, strict=True), []
     within = tuple(slice(at, at + length) for at, length in ends)
-    ways = [_by_frame(evidence, power * ~measures, cut)]
+    ways = [_by_frame(evidence, power, cut)]
     if not evidence.is_patch:
         ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
     for name, how, mask in chain.from_iterable(ways):
-        used = measures if name == "in one region" else np.ones(mask.shape, bool)
-        whole = float(power[used].sum())
-        share = float(power[mask & used].sum()) / whole if whole else 0.0
-        area = np.count_nonzero(mask & used) / np.count_nonzero(used)
+        share, area = float(power[mask].sum()) / total, float(mask.mean())
         if share >= _MOST and 0 < area < 1 and (tells := _relative_entropy(share, area)) >= _TELLS:
             told.append((tells, name, how, share, area, mask))
     if not told:
@@ -94,18 +90,19 @@ def _by_scene(
 ) -> _Places:
     """Places at jumps of the radius or the depth."""
     size, reaches = (files[0].height, files[0].width), [_EDGE_REACH]
-    radii = [radius for radius in map(coc_map, files) if radius is not None]
+    radius = next((found[within] for found in map(coc_map, files) if found is not None), None)
     depths = [f.planes[n] for f in files for n in _DEPTHS if n in f.planes]
-    depths = [depth for depth in depths if depth.shape == size]
-    if radii:
-        radius = radii[0][within]
+    depth = next((each[within] for each in depths if each.shape == size), None)
+    if radius is not None:
         jumps = beside_jumps(radius)
         reaches.append(math.ceil(float(np.abs(radius).max())))
-    elif depths:
-        inverse = 1 / np.maximum(np.nan_to_num(depths[0][within].astype(np.float32)), 1e-9)
+    elif depth is not None:
+        inverse = 1 / np.maximum(np.nan_to_num(depth.astype(np.float32)), 1e-9)
         low, high = np.quantile(inverse[cut], (0.01, 0.99))
         jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
-    for reach in reaches if radii or depths else ():
+    else:
+        return
+    for reach in reaches:
         yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[cut]
 
 
