@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import permutations, product
+from dataclasses import replace
+from functools import partial
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ _MORE = 1.05  # factor by which cut-off values exceed the limit
 _SEVERAL = 3  # least number of cut-off values
 _MOST_IDS = 2000
 _SLIGHTLY = 3e-3  # difference of a factor from 1, and of a constant from 0, that is not told
+_CONTRAST = "offset or contrast"
 _ONE = 1.001  # greatest number of values that are normalised
 
 
@@ -219,86 +221,80 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
         yield evidence.explain(evidence.stored(changed), "premultiplication", how)
 
 
-@dataclass(frozen=True)
-class _Scale:
-    """A and B [C, N] on a scale where B = a A + b; back: to the values of the file."""
-
-    name: str  # of the finding
-    sides: Sequence[NDArray[Any]]
-    weights: NDArray[Any]  # 0 for samples that are ignored
-    back: _Curve
-    of: str = ""  # words for the scale
-
-    def words(self, factor: float, constant: float) -> str:
-        """The numbers of a sum."""
-        if self.name in FACTOR:
-            stops = f" ({math.log2(max(factor, 1e-9)):+.3g} EV)"
-            return f"x {factor:.4g}" + stops * (self.name == FACTOR[0])
-        if self.name == "another gamma":
-            light = f", exposure x {math.exp(constant):.4g}" * (abs(constant) > _SLIGHTLY)
-            return f"to the power {factor:.4g}{light}"
-        factors = [f"x {factor:.4g}"] * (abs(factor - 1) > _SLIGHTLY)
-        return ", ".join([*factors, f"{constant:+.3g}"])
-
-
 def summed(evidence: Evidence) -> Iterator[Explanation]:
     """B = a A + b on some scale, of all channels or of each; or B is encoded once more."""
-    names = evidence.names
-    each = [slice(k, k + 1) for k in range(len(names))]
-    for scale, cuts in product(_scales(evidence), ([slice(None)], each)[: len(names)]):
-        (old, new), numbers = scale.sides, np.tile([1.0, 0.0], (len(names), 1))
-        columns = [old, np.ones_like(old)][: 1 if scale.name in FACTOR else 2]
-        for cut in cuts:
-            some = [column[cut] for column in columns]
-            numbers[cut, : len(some)] = summed_up(some, new[cut], scale.weights[cut])
-        there = scale.back(numbers[:, :1] * old + numbers[:, 1:])
-        factors, constants = numbers.T.tolist()
-        how = f": {scale.words(factors[0], constants[0])}{scale.of}"
-        values: dict[str, Any] = {"factor": factors[0], "offset": constants[0]}
-        if cuts is each:
-            said = ", ".join(
-                f"{n} {scale.words(*v)}" for n, v in zip(names, numbers.tolist(), strict=True)
-            )
-            how = f" of each channel: {said}{scale.of}"
-            values = {
-                k: dict(zip(names, v, strict=True))
-                for k, v in (("factors", factors), ("offsets", constants))
-            }
-        inverted = scale.name == "offset or contrast" and factors[0] < 0
-        name = "inverted" if inverted else scale.name
-        yield evidence.explain(there, name, how, values, where=evidence.steady)
-    for how, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
-        there = curve(evidence.sampled[0]).astype(np.float32)
-        yield evidence.explain(there, "another gamma", f": {how} once more")
-
-
-def _scales(evidence: Evidence) -> Iterator[_Scale]:
-    """The scales on which B may be a A + b."""
-    stored, color = evidence.sampled, evidence.is_light
+    (a, b), color, back = evidence.sampled, evidence.is_light, evidence.stored
     low, is_wider = _ends(evidence.pixels, 1, evidence.names)[0], _exceeds(evidence)
     fits = evidence.fits & evidence.steady
-    inner = fits & (stored[1] > low) & (evidence.is_linear | (stored[1] < 0.996))
-    chosen, light = np.sqrt(evidence.weights) * inner, tuple(map(evidence.light, stored))
+    inner = fits & (b > low) & (evidence.is_linear | (b < 0.996))
+    chosen, light = np.sqrt(evidence.weights) * inner, (evidence.light(a), evidence.light(b))
     weights, of = chosen * steepness(light[0]), " of light" if color else " of its values"
-    yield _Scale(FACTOR[not color], light, weights, evidence.stored)
-    yield _Scale("offset or contrast", light, weights, evidence.stored, of)
+    yield from _sums(evidence, FACTOR[not color], light, weights, back=back)
+    yield from _sums(evidence, _CONTRAST, light, weights, back=back, of=of)
     if color:
-        shown, of = tuple(map(evidence.scaled, stored)), " of what a screen shows"
-        yield _Scale("offset or contrast", shown, chosen * (stored[0] <= 1), evidence.unscaled, of)
+        shown, of = (evidence.scaled(a), evidence.scaled(b)), " of what a screen shows"
+        below = chosen * (a <= 1)
+        yield from _sums(evidence, _CONTRAST, shown, below, back=evidence.unscaled, of=of)
     elif low >= -0.001 and is_wider:
-        a, b = (side.astype("f8") for side in stored)
-        between, unit = 1.0 * fits * ((b > 1e-4) & (b < 0.999)), lambda values: values.clip(0, 1)
-        inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
-        for old, of in ((a, ""), (inverse, " of the inverse")):
-            yield _Scale("normalised", (old, b), between, unit, of)
-    a, b = stored
-    logs = tuple(np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in stored)
+        between = 1.0 * fits * ((b > 1e-4) & (b < 0.999))
+        inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1).astype("f8"), 0.0)
+        for old, of in ((a.astype("f8"), ""), (inverse, " of the inverse")):
+            unit = partial(np.clip, a_min=0, a_max=1)
+            yield from _sums(evidence, "normalised", (old, b), between, back=unit, of=of)
+    old, new = (np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in (a, b))
     weights = ((a > 0.02) & (b > 0.02) & fits) * np.sqrt(a.clip(0, 1))
 
     def power(logs: Any) -> Any:
         return (np.sign(a) * np.exp(logs.clip(-80, 69))).astype(np.float32)
 
-    yield _Scale("another gamma", logs, weights, power)
+    yield from _sums(evidence, "another gamma", (old, new), weights, back=power)
+    for how, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
+        yield evidence.explain(curve(a).astype("f4"), "another gamma", f": {how} once more")
+
+
+def _sums(
+    evidence: Evidence,
+    name: str,
+    sides: tuple[NDArray[Any], NDArray[Any]],
+    weights: NDArray[Any],
+    *,
+    back: _Curve,
+    of: str = "",
+) -> Iterator[Explanation]:
+    """B = a A + b, fitted to sides [C, N] on a scale: of all channels, and of each.
+
+    `weights`: 0 for samples that are ignored. `back`: values of the file from those of the scale.
+    `of`: words for the scale.
+    """
+    (old, new), names = sides, evidence.names
+    columns = [old, np.ones_like(old)][: 1 if name in FACTOR else 2]
+    each = [slice(k, k + 1) for k in range(len(names))]
+    for cuts in ([slice(None)], each)[: len(names)]:
+        numbers = np.tile([1.0, 0.0], (len(names), 1))
+        for cut in cuts:
+            some = [column[cut] for column in columns]
+            numbers[cut, : len(some)] = summed_up(some, new[cut], weights[cut])
+        (factors, offsets), said = numbers.T.tolist(), [_words(name, *v) for v in numbers.tolist()]
+        how, values = f": {said[0]}{of}", {"factor": factors[0], "offset": offsets[0]}
+        if cuts is each:
+            how = f" of each channel: {', '.join(map(' '.join, zip(names, said, strict=True)))}{of}"
+            both = (("factors", factors), ("offsets", offsets))
+            values = {key: dict(zip(names, v, strict=True)) for key, v in both}
+        called = "inverted" if name == _CONTRAST and factors[0] < 0 else name
+        there = back(numbers[:, :1] * old + numbers[:, 1:])
+        yield evidence.explain(there, called, how, values, where=evidence.steady)
+
+
+def _words(name: str, factor: float, constant: float) -> str:
+    """The numbers of a sum."""
+    if name in FACTOR:
+        stops = f" ({math.log2(max(factor, 1e-9)):+.3g} EV)"
+        return f"x {factor:.4g}" + stops * (name == FACTOR[0])
+    if name == "another gamma":
+        light = f", exposure x {math.exp(constant):.4g}" * (abs(constant) > _SLIGHTLY)
+        return f"to the power {factor:.4g}{light}"
+    factors = [f"x {factor:.4g}"] * (abs(factor - 1) > _SLIGHTLY)
+    return ", ".join([*factors, f"{constant:+.3g}"])
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
@@ -311,9 +307,8 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     light = [evidence.light(side) for side in stored]
     shown = [evidence.scaled_light(side).astype("f8") for side in light]
     weights = np.sqrt(evidence.weights) * (evidence.fits & evidence.steady.all(axis=0))
-    least = -math.inf
-    if float(stored[1].min()) >= 0.0:  # negative results may have become 0
-        least, weights = 0.0, weights * (stored[1] > 0.0).all(axis=0)
+    weights = weights * (stored[1] != 0.0).all(axis=0)  # negative results may have become 0
+    least = 0.0 if float(stored[1].min()) >= 0.0 else -math.inf
     for (old, new), slope, back, of in (
         (light, steepness(light[0]), evidence.stored, ""),
         (shown, np.ones((3, 1)), evidence.unscaled, " of what a screen shows"),
@@ -321,9 +316,9 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
         rows = zip(new, weights * slope, strict=True)
         matrix = np.stack([summed_up(list(old), to, weight) for to, weight in rows])
         there = np.asarray(back(np.maximum(matrix @ old, least))[kept], np.float32)
-        how, values = f": {_mixture(matrix)}{of}", {"matrix": matrix.tolist()}
-        name = "primaries or saturation"
-        yield evidence.explain(there, name, how, values, follows_rounding=True)
+        how = f": {_mixture(matrix)}{of}"
+        fit = evidence.explain(there, "primaries or saturation", how, follows_rounding=True)
+        yield replace(fit, values={"matrix": matrix.tolist()})
 
 
 def _mixture(matrix: NDArray[Any]) -> str:
@@ -340,29 +335,24 @@ def _mixture(matrix: NDArray[Any]) -> str:
 
 def curve(evidence: Evidence) -> Iterator[Explanation]:
     """B is a curve of A that rises everywhere, the same for all channels."""
-    a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
-    used = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
-    there = _curved(a, b, used) if evidence.is_light and not evidence.is_small else None
-    if there is not None:
-        values = evidence.unscaled(there)
-        fit = evidence.explain(
-            values, "another tone curve", where=evidence.steady, follows_rounding=True
-        )
-        yield replace(fit, but_noise=math.inf)  # a curve follows much else
-
-
-def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:
-    """The curve fitted to used samples, at all samples; None if it is not monotonic."""
+    old, new = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
+    used = np.broadcast_to(evidence.fits, old.shape) & evidence.steady
     x, y = old[used], new[used]
-    if x.size < 4 * _KNOTS:
-        return None
+    if not evidence.is_light or evidence.is_small or x.size < 4 * _KNOTS:
+        return
     order = np.argsort(x)
     parts = [np.array_split(v[order], _KNOTS) for v in (x, y)]
     centres, values = (np.array([part.mean() for part in of]) for of in parts)
     distinct = np.append(True, np.diff(centres) > 1e-9)
     centres, values = centres[distinct], values[distinct]
     if len(centres) < 3 or (np.diff(values) < -0.004).any():
-        return None
+        return
     slope = (np.diff(values) / np.diff(centres))[[0, -1]]
     below, above = np.minimum(old - centres[0], 0), np.maximum(old - centres[-1], 0)
-    return np.interp(old, centres, values) + slope[0] * below + slope[1] * above
+    there = np.interp(old, centres, values) + slope[0] * below + slope[1] * above
+    fit = evidence.explain(
+        *(evidence.unscaled(there), "another tone curve"),
+        where=evidence.steady,
+        follows_rounding=True,
+    )
+    yield replace(fit, but_noise=math.inf)  # a curve follows much else
