@@ -55,7 +55,7 @@ CAUSES = (
     # Patterns.
     Cause("fireflies or few pixels", "traces.sparks"),
     # Sharpness.
-    *(Cause(n, "softness.softened", _MOVED, 0.6) for n in ("softer", "sharper", "another CoC")),
+    *(Cause(n, "softness.softened", _MOVED, 0.7) for n in ("softer", "sharper", "another CoC")),
     Cause("lower resolution", "softness.softened", left=0.25),
     # Known by the looks of a difference.
     Cause("compressed with losses", "traces.compressed", left=0.8, looks=True),
