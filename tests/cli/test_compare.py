@@ -113,7 +113,9 @@ def test_a_difference_is_told_with_the_worst_pixel_and_a_rule_that_lets_it_pass(
     ran = run("compare", a, b)
     assert ran.code == 1
     (line,) = ran.out.splitlines()
-    assert line.startswith("b.exr: DIFFERENT: 100 pixels within 10x10 at 50,20, max 0.25, RMSE ")
+    assert line.startswith(
+        "b.exr: DIFFERENT: in one region of 10x10 at 50,20: 100% of the difference"
+    )
     assert "worst at 5" in line
     assert "(R G B: " in line
     proposed = line.split("--fail '")[1].split("'")[0]

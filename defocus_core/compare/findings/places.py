@@ -26,6 +26,7 @@ _Cut = tuple[slice, slice]
 
 _LOOKED_AT = 2**19  # pixels, above which only every n-th row and column are used
 _TELLS = 0.35  # least relative entropy of a place, in nats
+_FITTED = 0.9  # share of it for the rectangle, which was chosen for the difference
 _MOST = 0.75  # least share of the difference
 _FEWEST = 12.0  # effective number of pixels that hold the difference
 _EDGE_REACH = 2  # px around a silhouette
@@ -61,7 +62,8 @@ def place_of(
         ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
     for name, how, mask in chain.from_iterable(ways):
         share, area = float(power[mask].sum()) / total, float(mask.mean())
-        if share >= _MOST and 0 < area < 1 and (tells := _relative_entropy(share, area)) >= _TELLS:
+        tells = _relative_entropy(share, area) * (_FITTED if name == "in one region" else 1.0)
+        if share >= _MOST and 0 < area < 1 and tells >= _TELLS:
             told.append((tells, name, how, share, area, mask))
     if not told:
         return None
