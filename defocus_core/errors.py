@@ -240,7 +240,7 @@ def first_line(path: Path, text: str) -> str:
     return one_line(lines[0]).rstrip(".")[:120]
 
 
-def kind_of(note: str) -> str:
+def note_kind(note: str) -> str:
     """A note without its file, numbers and units, in which notes of one kind differ."""
     return _FILE_OR_NUMBER.sub("N", note)
 
@@ -253,7 +253,7 @@ class NoteKinds:
 
     def add(self, *notes: str) -> None:
         """Count the notes of a picture, once each kind."""
-        for kind, note in {kind_of(note): note for note in notes}.items():
+        for kind, note in {note_kind(note): note for note in notes}.items():
             example, count = self._found.get(kind, (note, 0))
             # the first in order, so that equal notes make equal cards, whichever job ended first
             self._found[kind] = min(example, note), count + 1

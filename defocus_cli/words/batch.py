@@ -16,7 +16,7 @@ from defocus_cli.words import console
 from defocus_core.batch.journal.record import Failed, Record, error_line
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.run import Execution, Plan, Summary
-from defocus_core.errors import kind_of, with_dashes
+from defocus_core.errors import note_kind, with_dashes
 from defocus_core.io.read_files import spoken
 from defocus_core.request.job import FRAME_ROLE, Job
 from defocus_core.request.lens import lens_record, lens_record_words, lens_words
@@ -153,7 +153,7 @@ def report_plan(plan: Plan, processes: int, *, each: bool, as_json: bool) -> Non
     """Report the jobs to do, ``each`` in a line, and on stderr those that would fail."""
     from defocus_core.picture.forecast import forecasts
 
-    todo = [*plan.of(plan.due)]
+    todo = [*plan.jobs_of(plan.due)]
     found, unusable = forecasts(todo) if todo else ({}, [])
     if each and len(plan.jobs) == len(unusable) == 1:
         raise unusable[0]  # as the command would
@@ -239,7 +239,7 @@ class BatchReport:
             return  # its error ends the command
         lines = list(outcome_lines(job, record, verbose=self._verbose))
         if record.completed is None and not self._verbose:
-            kind = kind_of(record.end.message)
+            kind = note_kind(record.end.message)
             self._kinds[kind] += 1
             if self._kinds[kind] > _ALIKE:
                 more = "further ones are counted at the end, and listed by 'defocus status'"

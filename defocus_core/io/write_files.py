@@ -140,8 +140,8 @@ class _Sibling(NamedTuple):
     path: Path  # what it becomes
 
     @classmethod
-    def of(cls, path: Path, root: Path | None) -> _Sibling:
-        """A new one; `root`: the folder that both lie below, if not just their own."""
+    def create(cls, path: Path, root: Path | None) -> _Sibling:
+        """A new sibling; `root`: the folder that both lie below, if not just their own."""
         root = root or path.parent
         name = path.with_name(f"{_leftover(path)}{os.getpid()}.{next(_serial)}.tmp")
         return cls(Folder(root), name.relative_to(root).as_posix(), path)
@@ -193,7 +193,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
                 if name.startswith(_leftover(path)):
                     Folder(path.parent).remove(name)
         return
-    sibling = _Sibling.of(path, root or together[1])
+    sibling = _Sibling.create(path, root or together[1])
     try:
         with sibling.folder.create(sibling.name) as file:
             yield file
@@ -211,7 +211,7 @@ def link_or_copy(source: Path, path: Path) -> None:
     """Put a file of `written_together` at another place: a hard link, or else a copy."""
     together = _together.get()
     assert together is not None
-    sibling = _Sibling.of(path, together[1])
+    sibling = _Sibling.create(path, together[1])
     try:
         sibling.folder.link(source, sibling.name)
         together[0].append(sibling)

@@ -38,7 +38,10 @@ def radii_of(lens: LensValues, depth: Depth) -> Radii:
         law = _Law.from_lens(lens, depth.size)
         px = computed(law.radii, depth.metres)
         _refuse_infinite(px, lens.fnum, depth.metres, depth.path)
-        infinity, scale = law.at(math.inf), (law.at(math.inf) - law.at(MM_PER_M)) * MM_PER_M
+        infinity, scale = (
+            law.radius(math.inf),
+            (law.radius(math.inf) - law.radius(MM_PER_M)) * MM_PER_M,
+        )
     limits = _limits_of(px, depth)
     if depth.empty is not None:
         px[depth.empty] = limits[1]
@@ -118,7 +121,7 @@ class _Law(NamedTuple):
         per_disparity = coc_per_disparity(lens.foclen, lens.fnum, s)
         return cls(per_disparity, 1 / s, 2 * (lens.sensor_width / size[0]), lens.sharp_range)
 
-    def at(self, distance: float) -> float:
+    def radius(self, distance: float) -> float:
         """The signed radius in px at a distance in mm, without a sharp range."""
         from defocus_core.optics.law import coc_of
 

@@ -23,7 +23,7 @@ from defocus_core.renderer.engine.scene import (
     Surface,
     check_hidden,
     in_colors,
-    layers_of,
+    scene_of_layers,
     with_hidden,
 )
 from defocus_core.renderer.engine.settings import Settings
@@ -214,7 +214,7 @@ def render_layers(
         depth_repair=depth_repair,
     )
     with own_modes(colors.device if isinstance(colors, Tensor) else None):
-        scene = layers_of(colors, signed_radius, coverage)
+        scene = scene_of_layers(colors, signed_radius, coverage)
     views = Renderer(scene, settings).picture(progress).to(colors.dtype)
     return with_opaque_alpha(views) if isinstance(scene, Surface) else views
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import subprocess
 
 import pytest
 from batches import again, folders, jobs_file, records
@@ -216,3 +217,17 @@ def test_why_a_job_is_done_again_is_counted_by_reason(tmp_path, out, computed):
     assert len(computed) == 9
     path.write_text(path.read_text().replace("fnumber = 2", "fnumber = 4"))
     assert "done again: settings changed (15)" in succeed("batch", path, "-o", out).err
+
+
+def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(folders, out):
+    again(folders, out)
+    dead = subprocess.Popen(["true"])
+    dead.wait()
+    (out / "shards").mkdir()
+    left = (f".metadata.jsonl.{dead.pid}.0.tmp", f"shards/.samples-000000.tar.{dead.pid}.1.tmp")
+    written_now = out / f".metadata.jsonl.{os.getppid()}.0.tmp"
+    for path in (out / left[0], out / left[1], written_now):
+        path.write_text("half")
+    again(folders, out)
+    assert not any((out / name).exists() for name in left)
+    assert written_now.exists(), "its process runs"

@@ -78,7 +78,7 @@ class Plan:
     again: Counter[str] = field(default_factory=Counter)  # reasons to do jobs again, in words
     kept: Counter[str] = field(default_factory=Counter)  # reasons of changed jobs that are kept
 
-    def of(self, *numbers: Iterable[int]) -> Iterator[Job]:
+    def jobs_of(self, *numbers: Iterable[int]) -> Iterator[Job]:
         """The jobs of numbers."""
         return (self.jobs[number] for number in chain(*numbers))
 
@@ -90,7 +90,7 @@ class Plan:
 
     def began(self) -> bool:
         """Whether an output of the jobs to do exists."""
-        return any(os.path.lexists(path) for job in self.of(self.due) for path in job.written)
+        return any(os.path.lexists(path) for job in self.jobs_of(self.due) for path in job.written)
 
 
 @without_collections()
@@ -189,7 +189,7 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 def _refuse_to_replace(plan: Plan, begun: Collection[str], *, keep_lenses: bool) -> None:
     """Refuse to replace files of other pictures or lenses, or that the journal does not know."""
     ledger, unknown, journal = plan.ledger, list[Path](), ""
-    for job in plan.of(plan.due, plan.later):
+    for job in plan.jobs_of(plan.due, plan.later):
         root = job.outputs.root
         for name in () if job.outputs.overwrite else job.names.values():
             if not os.path.lexists(f"{root}/{name}"):  # a path for each would take long
@@ -302,7 +302,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
     """Yield the function that appends records; the run is noted in OUT while jobs are left."""
     plan, shard = state.plan, state.execution.shard
     out, records = plan.ledger.out, plan.ledger.counts()
-    names = (job.sample_id for job in plan.of(plan.due, plan.later))
+    names = (job.sample_id for job in plan.jobs_of(plan.due, plan.later))
     path = runs.note_run(out, shard, {name: records[name] for name in names})
     if (out / runs.INDEX).exists():
         from defocus_core.batch.datasets import update
@@ -334,7 +334,7 @@ def _index(asked: Collection[str], state: _State) -> None:
 
         is_other |= execution.shards_size is not None
         is_ok, last = plan.ledger.is_ok, plan.ledger.last.get
-        settled = plan.of(() if is_other else plan.settled)
+        settled = plan.jobs_of(() if is_other else plan.settled)
         there = {j.sample_id for j in settled if any(is_ok(last(n)) for n in j.names.values())}
         if is_other or sample_index.listed(out) != there:
             summary.written = update.index(out, execution.shards_size, names)
@@ -400,7 +400,7 @@ class _State:
         """Consecutive jobs of one picture, in chunks that keep all workers busy."""
         due = self.plan.due
         size = max(1, min(MAX_IN_A_CHUNK, len(due) // (4 * self.execution.spread)))
-        numbered = zip(due, self.plan.of(due), strict=True)
+        numbered = zip(due, self.plan.jobs_of(due), strict=True)
         for _, of_picture in groupby(numbered, key=lambda each: each[1].picture):
             while chunk := [*islice(of_picture, size)]:
                 if self.stopped():

@@ -21,7 +21,7 @@ import numpy as np
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.places import coc_map, place_of
-from defocus_core.compare.findings.table import BEYOND, CAUSES, LEFT, Finding, kind_of
+from defocus_core.compare.findings.table import BEYOND, CAUSES, LEFT, Finding, fixed_words
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
@@ -93,9 +93,9 @@ def _chosen(
     """The fit that is better than its rivals and needed beside simpler ones; and all good fits."""
     best: dict[str, Explanation] = {}
     for fit in fits:
-        known = best.get(kind_of(fit.name))
+        known = best.get(fixed_words(fit.name))
         if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
-            best[kind_of(fit.name)] = fit
+            best[fixed_words(fit.name)] = fit
     good = [best[name] for name in LEFT if name in best and _is_enough(best[name], evidence)]
     for fit in good:  # the simpler ones first
         others = [each for each in best.values() if each is not fit]
@@ -124,13 +124,13 @@ def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
 def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
     """Whether a cause explains enough of the difference."""
     few = not evidence.is_small or fit.left <= _LEFT_OF_FEW
-    return few and evidence.explained(fit.left) >= 1 - LEFT[kind_of(fit.name)]
+    return few and evidence.explained(fit.left) >= 1 - LEFT[fixed_words(fit.name)]
 
 
 def _is_beyond(fit: Explanation, other: Explanation) -> bool:
     """Whether a model includes a simpler one, or has the same name."""
-    kind = kind_of(fit.name)
-    return kind_of(other.name) in (*BEYOND[kind], kind)
+    kind = fixed_words(fit.name)
+    return fixed_words(other.name) in (*BEYOND[kind], kind)
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:

@@ -85,10 +85,10 @@ class Finding:
     @property
     def code(self) -> str:
         """The kind of finding in one word, like ``clipped`` or ``at-silhouettes``."""
-        return kind_of(self.name).replace(" ", "-").lower()
+        return fixed_words(self.name).replace(" ", "-").lower()
 
 
-def kind_of(name: str) -> str:
+def fixed_words(name: str) -> str:
     """The fixed words of a name, like ``clipped`` of ``clipped at 1``."""
     kinds = [kind for kind in FINDINGS if f"{name} ".startswith(f"{kind} ")]
     return max(kinds, key=len, default=name)

@@ -19,7 +19,7 @@ from defocus_core.io.exr.channel_choice import (
     in_words,
     labels,
     last_word,
-    only,
+    only_one,
     quoted,
 )
 from defocus_core.io.exr.header import Header, read_headers
@@ -118,7 +118,7 @@ def choose_depth_channel(
         )
         remedy = f"if one of them is the depth, say ‹depth-channel› {quoted(next(likely, 'NAME'))}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
-    return only(path, candidates, "depth channel", "‹depth-channel›")
+    return only_one(path, candidates, "depth channel", "‹depth-channel›")
 
 
 def _is_depth(candidate: ChannelGroup) -> bool:

@@ -77,7 +77,7 @@ def choose_color(
         every = in_words(labels(channels_of(path, headers, part)))
         problem = f"has no colour channels (R, G, B or Y), only {every}"
         raise InputError("no-color", problem, "name a file that has them", path=path)
-    return only(path, candidates, "colour layer", "‹color-layer›")
+    return only_one(path, candidates, "colour layer", "‹color-layer›")
 
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
@@ -159,7 +159,7 @@ def by_name(
         known = in_words(labels(groups)) or "none"
         problem = f"has no {kind} {wanted}; it has {known}"
         raise InputError("no-such-channel", problem, f"check {option}", path=path)
-    return only(path, matches, kind, option)
+    return only_one(path, matches, kind, option)
 
 
 def _names(candidate: ChannelGroup) -> set[str]:
@@ -182,7 +182,9 @@ def labels(candidates: Sequence[ChannelGroup]) -> list[str]:
     return [f"{c.header.index}/{c.name}" for c in candidates]
 
 
-def only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str) -> ChannelGroup:
+def only_one(
+    path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
+) -> ChannelGroup:
     """The only candidate there is."""
     if len(candidates) == 1:
         return candidates[0]

@@ -80,7 +80,7 @@ def add_light(front: Tensor, light: Tensor) -> Tensor:
     return torch.cat([front[:, :channels] + light, front[:, channels:]], 1)
 
 
-def picture(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:
+def mean_of_parts(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage."""
     if weights is not None:
         learn = any(isinstance(weight, Tensor) for weight in weights)

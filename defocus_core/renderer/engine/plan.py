@@ -32,8 +32,8 @@ from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,
     composite_order,
-    evenly,
-    layers,
+    even_radii,
+    layer_numbers,
     octaves,
     slice_radii,
 )
@@ -67,7 +67,7 @@ def frame_of(
     edges = content.edges
     limits = content.limits if layered is None else layered.limits
     radii = _slice_radii(*limits, quality, settings)
-    layer_indices = layers(radii, quality)
+    layer_indices = layer_numbers(radii, quality)
     exact = settings.num_layers is not None
     stride = 1 if exact else quality.hidden_stride
     level = quality.hidden_level if edges and not exact else 0
@@ -240,7 +240,7 @@ def _at_resolution(
     """The slices at a resolution, whose light reaches at most `maximum` px."""
     step = 1 << level
     scaled = tuple(r / step for r in radii)
-    layer_indices = layers(radii, quality)
+    layer_indices = layer_numbers(radii, quality)
     spreads = spreads_of(scaled, layer_indices, quality.full_resolution / step, -(-maximum // step))
     reaches = [spread.px for spread in spreads]
     if level:  # a pixel has shares in coarse pixels beside it, and is read between two
@@ -283,7 +283,9 @@ def _slice_radii(
     """Radii in px of slices over a range: as many as asked for, or by the slices of the quality."""
     count, psf_ks = settings.num_layers, settings.psf_ks
     radii = (
-        slice_radii(minimum, maximum, quality) if count is None else evenly(minimum, maximum, count)
+        slice_radii(minimum, maximum, quality)
+        if count is None
+        else even_radii(minimum, maximum, count)
     )
     if psf_ks is None:
         return radii

@@ -17,7 +17,7 @@ from torch import Tensor
 from defocus_core.renderer.blur.layer_blur import Blur
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.left_right import count_negative, left_and_right
-from defocus_core.renderer.compositing.saturating_sum import ColorRange, add_light, picture
+from defocus_core.renderer.compositing.saturating_sum import ColorRange, add_light, mean_of_parts
 from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame, frame_at
 from defocus_core.renderer.engine.layer_order import Filling, composite
 from defocus_core.renderer.engine.region_layers import (
@@ -98,14 +98,17 @@ class Region:
         trust = self._trust(lit[:, -1], compositor.invented, box)
         counts, content = self._counts(index), frame.content
         weights = division.weights
-        centre = self._range.bounded(picture(lit[division.centre], weights[division.centre]))
+        centre = self._range.bounded(mean_of_parts(lit[division.centre], weights[division.centre]))
         if not frame.settings.left_right:
             return ViewTensors([centre], trust, counts, box)
         both, weights = lit[division.pair], weights[division.pair]
         if compositor.moved is not None:
             both = add_light(both, compositor.moved)
         cut = sum(part.is_left for part in division.parts[division.pair])
-        left, right = picture(both[:cut], weights[:cut]), picture(both[cut:], weights[cut:])
+        left, right = (
+            mean_of_parts(both[:cut], weights[:cut]),
+            mean_of_parts(both[cut:], weights[cut:]),
+        )
         halves = torch.stack([left, right])
         counts |= count_negative(halves, content.limit, content.minimum)
         images = left_and_right(

@@ -59,7 +59,7 @@ class Surface:
 Scene = Surface | Layered
 
 
-def layers_of(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
+def scene_of_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
     """The scene of layers with coverage; a surface if a single layer covers all pixels.
 
     `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W] px;

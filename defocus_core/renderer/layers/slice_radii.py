@@ -64,7 +64,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
     return tuple(spaced[first : last + 1])
 
 
-def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
+def even_radii(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
     """Exactly `count` evenly spaced radii; a single one is in the middle."""
     if count == 1:
         return ((minimum + maximum) / 2,)
@@ -72,7 +72,7 @@ def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
 
 
 @lru_cache(maxsize=64)
-def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
+def layer_numbers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
 
     Where |r| < 2 px each slice is a layer. Beyond, a layer holds the radii of one side of focus

@@ -127,7 +127,7 @@ def draw(
 ) -> Drawn:
     """A layer of some channels of a picture."""
     planes = [picture.planes[name] for name in names]
-    kind = kind_of(names)
+    kind = layer_kind(names)
     value_range = value_range or thumbnails.ends_of(planes[0], kind)
     if kind == LIGHT:
         thumbnail = thumbnails.of_light(planes, picture.gamma)
@@ -142,7 +142,7 @@ def draw(
     return Drawn(layer, planes)
 
 
-def kind_of(names: Sequence[str]) -> str:
+def layer_kind(names: Sequence[str]) -> str:
     """The kind of a layer of some channels."""
     if not is_map(names) and next(color_layers(names), None):
         return LIGHT

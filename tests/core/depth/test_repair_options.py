@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from defocus_core import repair_depth
+from defocus_core import render, repair_depth
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0
@@ -37,3 +37,9 @@ def test_no_ramp_is_an_edge_if_edges_are_hard():
     _, radius = softened(6)
     assert is_a_step(repaired_by(6))
     assert torch.equal(repaired_by(6, edge_width=0.0), radius)
+
+
+def test_render_takes_the_width():
+    image, radius = softened(24)
+    pictures = [render(image, radius, edge_width=width).render for width in (None, 24.0)]
+    assert not torch.equal(*pictures)
