@@ -6,7 +6,6 @@ A depth map that was filtered like colours, or resized, holds depths at which th
 from __future__ import annotations
 
 import math
-from itertools import islice
 from typing import NamedTuple
 
 from defocus_core.depth.displacement import EdgeShifts
@@ -208,7 +207,7 @@ def _with_wide_edges(
 
 
 def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
-    """The evidence of all bands together, brought to the host at once."""
+    """The evidence of all bands together, on the host."""
     together = {}
     for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
         every = torch.stack(parts).reshape(len(parts), -1).double()
@@ -216,8 +215,7 @@ def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
             together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
         else:
             together[name] = every.amax(0) if name == "softest" else every.sum(0)
-    values = iter(torch.cat(list(together.values())).tolist())
-    return {name: list(islice(values, len(each))) for name, each in together.items()}
+    return {name: each.tolist() for name, each in together.items()}
 
 
 def _evidence(signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype) -> _BandEvidence:
@@ -247,11 +245,10 @@ def _repair(
     if not (math.isfinite(minimum) and math.isfinite(maximum)):
         return DepthRepair()  # a picture of such depth is refused
     slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
-    soft, width, scale = 0, None, None
+    soft, width, scale = 0, 0.0, None
     if softest > slope:
-        soft, width, scale = _soft_edges(
-            signed_radius, slope, distance_scale(minimum, maximum, infinity)
-        )
+        of_distance = distance_scale(minimum, maximum, infinity)
+        soft, width, scale = _soft_edges(signed_radius, slope, of_distance)
     steps = [found["steps"][:4], found["steps"][4:]]
     antialiased = are_averaged(found["averages"])
     soft_edges = slope if soft else None
@@ -269,39 +266,29 @@ def _repair(
     )
 
 
-class _EdgeCounts(NamedTuple):
-    """Edges of a frame."""
-
-    soft: int  # number of pixels on soft edges
-    hard: int  # number of steps that are hard edges
-    width: float  # median width of soft edges in px
-
-    @property
-    def mostly_soft(self) -> bool:
-        return self.hard < self.soft
-
-
 def _soft_edges(
     signed_radius: Tensor, steep: float, scale: DistanceScale | None
-) -> tuple[int, float | None, DistanceScale | None]:
+) -> tuple[int, float, DistanceScale | None]:
     """The number of pixels on soft edges, their median width in px, and the scale of their ramps.
 
-    The number is 0 if hard edges have more pixels. Edges that are hard in radius may be soft in
-    distance.
+    Edges that are hard in radius may be soft in distance.
     """
-    found: list[tuple[_EdgeCounts, DistanceScale | None]] = [
-        (_edge_counts(signed_radius, steep), None)
-    ]
-    if scale is not None and found[0][0].hard:
-        found.append((_edge_counts(signed_radius, steep, scale), scale))
-    edges, of = max(found, key=lambda each: each[0].soft * each[0].mostly_soft)
-    return (edges.soft, edges.width, of) if edges.mostly_soft else (0, None, None)
+    soft, hard, width = _edge_counts(signed_radius, steep)
+    if scale is not None and hard:
+        of_distance, _, width_of_distance = _edge_counts(signed_radius, steep, scale)
+        if of_distance > soft:
+            return of_distance, width_of_distance, scale
+    return soft, width, None
 
 
 def _edge_counts(
     signed_radius: Tensor, steep: float, scale: DistanceScale | None = None
-) -> _EdgeCounts:
-    """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope."""
+) -> tuple[int, int, float]:
+    """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope.
+
+    The number of pixels on soft edges, 0 if more steps are hard edges; the number of these; and the
+    median width of soft edges in px.
+    """
     soft = hard = 0
     widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)
     for first, last in bands(signed_radius):
@@ -326,4 +313,4 @@ def _edge_counts(
         with_next = signed_radius[max(first - 2, 0) : last + 2].detach()
         hard += int(hard_steps(with_next, steep, scale))
     half = int((widths.cumsum(0) < widths.sum() / 2).sum())
-    return _EdgeCounts(soft, hard, half / _PER_PX)
+    return soft if hard < soft else 0, hard, half / _PER_PX
