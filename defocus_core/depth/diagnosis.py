@@ -6,6 +6,7 @@ A depth map that was filtered like colours, or resized, holds depths at which th
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 from defocus_core.depth.displacement import EdgeShifts
@@ -169,13 +170,16 @@ def diagnosed(
 
 
 def _found(signed_radius: Tensor, threads: int) -> dict[str, list[float]]:
-    """The evidence of radii [H, W] px, by name."""
-    dtype = torch.promote_types(signed_radius.dtype, torch.float32)
-
-    def evidence(rows: tuple[int, int]) -> _BandEvidence:
-        return _evidence(signed_radius, rows, dtype)
-
-    return _fetched(list(threaded(evidence, bands(signed_radius), threads)))
+    """The evidence of all bands of radii [H, W] px together, by name, on the host."""
+    of_bands = threaded(partial(_evidence, signed_radius), bands(signed_radius), threads)
+    together = {}
+    for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
+        every = torch.stack(parts).reshape(len(parts), -1).double()
+        if name == "limits":
+            together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
+        else:
+            together[name] = every.amax(0) if name == "softest" else every.sum(0)
+    return {name: each.tolist() for name, each in together.items()}
 
 
 def _with_wide_edges(
@@ -206,20 +210,9 @@ def _with_wide_edges(
     return repair._replace(edge_width=wide.edge_width * by, ramps_of=scale)
 
 
-def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
-    """The evidence of all bands together, on the host."""
-    together = {}
-    for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
-        every = torch.stack(parts).reshape(len(parts), -1).double()
-        if name == "limits":
-            together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
-        else:
-            together[name] = every.amax(0) if name == "softest" else every.sum(0)
-    return {name: each.tolist() for name, each in together.items()}
-
-
-def _evidence(signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype) -> _BandEvidence:
+def _evidence(signed_radius: Tensor, rows: tuple[int, int]) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
+    dtype = torch.promote_types(signed_radius.dtype, torch.float32)
     above = min(rows[0], _AROUND)
     around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
     band = (above, above + rows[1] - rows[0])

@@ -75,16 +75,12 @@ def with_coarse_shifts(
     level: int = 0,
 ) -> Tensor:
     """Radii [H, W] px with edges moved by one coarse displacement after another."""
-    silhouette = None
     for each in found:
-        radii = signed_radius.detach()
-        silhouette = silhouette or silhouette_of(radii, step, scale)
+        silhouette = silhouette_of(signed_radius.detach(), step, scale)
         if silhouette is None:
             break
-        shift = _read_at(each.field, silhouette.at.T.double(), radii.shape)
-        radii = moved(signed_radius, silhouette, shift * (1 << (each.level - level)))
-        if radii is not signed_radius:
-            signed_radius, silhouette = radii, None
+        shift = _read_at(each.field, silhouette.at.T.double(), signed_radius.shape)
+        signed_radius = moved(signed_radius, silhouette, shift * (1 << (each.level - level)))
     return signed_radius
 
 
