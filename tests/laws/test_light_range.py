@@ -80,3 +80,17 @@ def test_light_has_no_unit(quality, dtype, factor, light):
     shown = render(image * factor, radius, quality=quality, left_right=True)
     for view, other in zip(shown.images, expected.images, strict=True):
         assert float((view.double() / factor - other.double()).abs().max()) < 1e-5 * 0.9
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("edge_width", [None, 16.0])
+@pytest.mark.parametrize("size", [(3, 120), (40, 3), (30, 40)])
+def test_left_and_right_overshoot_by_a_tenth_at_most(quality, edge_width, size):
+    image = 0.5 + 0.5 * noise(3, *size)
+    radius = 12 * noise(*size) - 4
+    pair = render(image, radius, quality=quality, edge_width=edge_width, left_right=True)
+    for view in pair.images[1:]:
+        assert float(view.min()) >= 0.45 - 1e-6
+        assert float(view.max()) <= 1.05 + 1e-6
+    mean = (pair.images[1] + pair.images[2]) / 2
+    assert float((mean - pair.render).abs().max()) < 1e-6

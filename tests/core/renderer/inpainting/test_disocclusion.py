@@ -146,3 +146,11 @@ def test_stripes_go_on_behind_a_bar(degrees):
     off = (found.color - background)[:, mask].abs()
     assert float(off.mean()) < 0.04  # of an amplitude of 0.3
     assert float(off.max()) < 0.2
+
+
+@pytest.mark.parametrize(("far", "near"), [(6.0, -6.0), (10.0, 0.0), (0.0, -16.0)])
+def test_what_is_hidden_is_continued_as_far_as_the_lens_sees_past_an_edge(far, near):
+    """In any direction of a cone, which falls by the square root of 1/2 along an axis."""
+    x = torch.arange(96, dtype=torch.float64).expand(64, 96)
+    hidden = hidden_layer((x < 40).double()[None], torch.where(x < 40, far, near).double())
+    assert int(hidden.mask[32].sum()) == pytest.approx((far - near) * math.sqrt(2), abs=2)
