@@ -176,13 +176,11 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
 
     from defocus_core.tensors.clipped_lights import Runs
 
-    width = mask.shape[1]
-    runs = Runs.from_mask(torch.from_numpy(mask), 0)
-    rows, columns = (torch.tensor([at]) for at in place)
-    blob = runs.blobs(width)
-    own = blob == blob[runs.holding(rows, columns, width)]
+    runs = Runs.from_mask(torch.from_numpy(mask))
+    blob = runs.blobs()
+    own = blob == blob[runs.holding(*(torch.tensor([at]) for at in place))]
     found = np.zeros(mask.shape, bool)
-    for row, first, end in zip(*(part[own].tolist() for part in runs), strict=True):
+    for row, first, end in torch.stack(runs[:3], 1)[own].tolist():
         found[row, first:end] = True
     return found
 

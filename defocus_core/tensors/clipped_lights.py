@@ -18,7 +18,7 @@ of the gain to the blobs of that level, so that the light is continuous in the t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -27,9 +27,6 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core.allowed_values import AUTO_LIGHTS
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import bands, in_bands
-from defocus_core.tensors.neighbourhoods import positions_of
 from defocus_core.tensors.validation import Scalar, number, whole
 
 # Sides of blobs (roots of their areas) up to which a blob is a light, and from which on a surface,
@@ -128,17 +125,100 @@ class ClippedLights:
         self.added, self.count = image, 0
         if self.measured:
             return
-        levels, self.count = _found(image, signed_radius, minimum, count)
-        self.added = _lit(image, threshold, gain, count, levels)
+        blur = image.new_full(image.shape[-2:], _WIDEST)
+        if signed_radius is not None:
+            blur = signed_radius.detach().abs()
+        light, rest = _wide(image).tensor_split([count])
+        lit, self.count = _lit(light, blur, threshold, gain, minimum)
+        self.added = torch.cat([lit, rest]).to(image.dtype)
 
 
-class _BlobLevel(NamedTuple):
-    """The blobs of pixels brighter than a level."""
+def _lit(
+    light: Tensor,  # [C, H, W]
+    blur: Tensor,  # [H, W] px
+    threshold: Scalar,
+    gain: Scalar,
+    minimum: float,  # the threshold as a plain number
+) -> tuple[Tensor, int]:
+    """Light with that of its lamps, and the number of these."""
+    levels = [pair for pair in pairwise(_LEVELS) if pair[1] > minimum]
+    sharp = float((_SHARP * blur.amax()).clamp(*_SHARP_PX))
+    frame = _Frame(light.detach(), light.detach().amax(0), blur, sharp)
+    base, holding, places, changes = None, list[Tensor](), list[Tensor](), list[Tensor]()
+    for low, high in levels:
+        every, is_last = Runs.from_mask(frame.bright > low), high == _LEVELS[-1]
+        blobs = frame.blobs_within(every)
+        lamps = _Lamps(*(x.to(light) for x in _lamps(frame, blobs, low)))
+        if low >= minimum or is_last:
+            base = base or every
+            shown = lamps.fraction[blobs.number] > _COUNTED
+            holding.append(base.holding(blobs.runs.row[shown], blobs.runs.first[shown]))
+        (row, column, blob) = blobs.pixels
+        own = light[:, row, column]
+        shining = own.amax(0)
+        limits = shining.clamp(max=low), shining if is_last else shining.clamp(max=high)
+        lower, upper = (_step(x, threshold, 1) for x in limits)
+        true = torch.lerp(own, shining * lamps.hue[:, blob], lamps.says_hue[blob])
+        more = lamps.gain(gain)[blob] * true - own
+        places.append(row * light.shape[2] + column)
+        changes.append((upper - lower) * lamps.fraction[blob] * more)
+    lit = light.flatten(1).index_add(1, torch.cat(places), torch.cat(changes, 1))
+    assert base is not None
+    return lit.view_as(light), len(torch.unique(base.blobs()[torch.cat(holding)]))
 
-    low: float
-    high: float
-    runs: Runs  # the runs of these pixels, in rows
-    lamps: _Lamps  # the number of the blob of each run
+
+class _Blobs(NamedTuple):
+    """Blobs of pixels that are brighter than a level, and small enough for lamps."""
+
+    runs: Runs
+    number: Tensor  # [n] the blob of each run
+    pixels: tuple[Tensor, Tensor, Tensor]  # row, column and blob of each pixel
+    many: int  # number of blobs
+
+
+class _Frame(NamedTuple):
+    """A picture among whose pixels there may be lamps."""
+
+    light: Tensor  # [C, H, W]
+    bright: Tensor  # [H, W], its brightest channel
+    blur: Tensor  # [H, W] px
+    sharp: float  # px of it up to which a blob is in focus
+
+    def blobs_within(self, runs: Runs) -> _Blobs:
+        """The blobs of runs that are small enough."""
+        blob, most = runs.blobs(), max(_WHITE[1] * math.sqrt(self.blur.numel()), _MIN_PX[1])
+        area = blob.new_zeros(len(blob)).index_add(0, blob, runs.end - runs.first)
+        kept = area[blob] < most**2
+        row, first, end = (x[kept] for x in runs[:3])
+        number, length = torch.unique(blob[kept], return_inverse=True)[1], end - first
+        run = torch.arange(len(row), device=row.device).repeat_interleave(length)
+        within = torch.arange(len(run), device=row.device) - (length.cumsum(0) - length)[run]
+        pixels = row[run], first[run] + within, number[run]
+        many = int(number.max()) + 1 if len(number) else 0
+        return _Blobs(Runs(row, first, end, runs.stride), number, pixels, many)
+
+
+def _beside(frame: _Frame, row: Tensor, column: Tensor, level: float) -> Iterator[Tensor]:
+    """Mean brightness and light [n] of the dark pixels around pixels [n]; few are as the level."""
+    dark, height, width = frame.bright <= level, *frame.bright.shape
+    reach = max(_MIN_AROUND, round(_AROUND * max(height, width)))
+    block = max(1, reach // _COARSE)
+    around, values = reach // block, torch.empty_like(frame.bright)
+
+    def summed(given: Tensor) -> Tensor:
+        """The sum [h, w] of dark pixels around each coarse pixel."""
+        torch.mul(given, dark, out=values)
+        sums = avg_pool2d(values[None], block, ceil_mode=True, divisor_override=block**2).double()
+        for axis in (0, 1):
+            side, margin = [1, 1], [0, 0]
+            side[axis], margin[axis] = 2 * around + 1, around
+            sums = avg_pool2d(sums, side, 1, margin, divisor_override=1)
+        return sums[0]
+
+    share, at = summed(torch.ones_like(values[:1, :1])), (row // block, column // block)
+    for channel in (frame.bright, *frame.light):
+        mean = summed(channel) / share.clamp(min=0.5)
+        yield torch.where(share > 0.5, mean, level)[at]
 
 
 class _Lamps(NamedTuple):
@@ -150,10 +230,6 @@ class _Lamps(NamedTuple):
     hue: Tensor  # [C, n] colour of the rim, whose brightest channel is 1
     says_hue: Tensor  # [n] how far there is a rim, 0 to 1
 
-    def select(self, which: Tensor) -> _Lamps:
-        """The lamps of some indices."""
-        return _Lamps(*(values[..., which] for values in self))
-
     def gain(self, gain: Scalar) -> Tensor:
         """The gain [n] of each lamp, given that of a wholly clipped one."""
         own = 1 + (gain - 1) * self.clipped * (1.5 - 0.5 * self.clipped)
@@ -162,170 +238,80 @@ class _Lamps(NamedTuple):
         return torch.where(over > 0, shown / self.disc.clamp(min=_TINY), own).clamp(min=1)
 
 
-def _found(
-    image: Tensor, signed_radius: Tensor | None, threshold: float, colors: int
-) -> tuple[list[_BlobLevel], int]:
-    """The blobs of each level from the threshold on, and the number of lights."""
-    size = image.shape[-2], image.shape[-1]
-    pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
-    around = max(_MIN_AROUND, round(_AROUND * max(size)))
-    reach = max(_MIN_RIM, round(_RIM * max(size)))
-    blur = image.new_full(size, _WIDEST) if signed_radius is None else signed_radius.detach().abs()
-    sharp = float((_SHARP * blur.amax()).clamp(*_SHARP_PX))
-    levels = []
-    for low, high in pairs:
-        of_bands = [
-            _band(image[:colors].detach(), blur, rows, low, around, reach) for rows in bands(image)
-        ]
-        runs = Runs.concatenate([each for each, _ in of_bands])
-        sums = torch.cat([each for _, each in of_bands], 1)
-        lamps = _lamps(runs, sums, max(low, _LEVELS[1]), size, sharp)
-        levels.append(_BlobLevel(low, high, runs, lamps))
-    return levels, _count(levels, threshold, size[1])
+def _rim(frame: _Frame, blobs: _Blobs, level: float) -> Tensor:
+    """Sums of number, brightness, weight and weighted light [3 + C, m] of pixels beside blobs.
 
-
-def _band(
-    image: Tensor,  # [C, H, W] the colours
-    blur: Tensor,  # [H, W] px
-    rows: tuple[int, int],
-    level: float,
-    around: int,
-    reach: int,
-) -> tuple[Runs, Tensor]:
-    """The runs of a band that are brighter than a level, and sums over each run.
-
-    Returns the runs and sums [6 + 2 C, n]: white pixels and blur of the run; brightness and light
-    of its surroundings; the number of pixels of its rim, their brightness, weight, squared weight,
-    and weighted light.
+    They are the mean of those to the sides and of those above and below, so that a turned picture
+    has the same.
     """
-    top, coarse_pixel = max(rows[0] - around, 0), max(1, around // _COARSE)
-    light = _wide(image[:, top : rows[1] + around])
-    mask, above = light.amax(0) > level, rows[0] - top
-    own = mask[above : rows[1] - top]
-    runs = Runs.from_mask(own, above)
-    total = light.new_zeros(3 + len(light), len(runs.row)).double()
-    if not len(runs.row):
-        return runs, torch.cat([total, total])
-    row, column = positions_of(own).unbind(1)
-    blurred, row = blur[row + rows[0], column].to(light), row + above
-    white = _step(light[:, row, column].amin(0), *_HUE)
-    which = runs.holding(row, column, light.shape[-1])
-    beside = _surrounding_mean(light, mask, level, around // coarse_pixel, coarse_pixel)
-    beside = beside[:, row // coarse_pixel, column // coarse_pixel]
-    total.index_add_(1, which, torch.cat([white[None], blurred[None], beside]).double())
-    rim = _rim(light, mask, runs, (row, column, which), reach)
-    return runs._replace(row=runs.row + top), torch.cat([total, rim])
-
-
-def _rim(
-    light: Tensor, mask: Tensor, runs: Runs, pixels: tuple[Tensor, Tensor, Tensor], reach: int
-) -> Tensor:
-    """Sums of number, brightness, weight and weighted light of the pixels beside each run.
-
-    They are the mean of those to its sides and of those above and below, so that a turned picture
-    has the same. `light`: [C, h, W]; `mask`: [h, W], what is bright of it; `pixels`: row, column
-    and run of those of the runs; `reach`: px to each side. Returns [3 + C, n].
-    """
-    (height, width), bright = mask.shape, light.amax(0)
-    every = torch.arange(len(runs.row), device=light.device)
-    ends = [(runs.row, runs.first, 0, -1, every), (runs.row, runs.end - 1, 0, 1, every)]
-    row, column, which = pixels
+    light, bright, (height, width) = frame.light, frame.bright, frame.bright.shape
+    runs, number, (row, column, blob), _ = blobs
+    ends = [(runs.row, runs.first, 0, -1, number), (runs.row, runs.end - 1, 0, 1, number)]
     for down in (-1, 1):
-        last = ~mask[(row + down).clamp(0, height - 1), column]
-        ends.append((row[last], column[last], down, 0, which[last]))
-    total = light.new_zeros(3 + len(light), len(runs.row)).double()
+        last = bright[(row + down).clamp(0, height - 1), column] <= level
+        ends.append((row[last], column[last], down, 0, blob[last]))
+    total = light.new_zeros(3 + len(light), blobs.many).double()
     for row, column, down, across, of in ends:
-        for away in range(1, reach + 1):
+        for away in range(1, max(_MIN_RIM, round(_RIM * max(height, width))) + 1):
             y, x = row + down * away, column + across * away
             at = y.clamp(0, height - 1), x.clamp(0, width - 1)
-            dark = ((y == at[0]) & (x == at[1]) & ~mask[at]).to(light)
+            dark = ((y == at[0]) & (x == at[1]) & (bright[at] <= level)).to(light)
             weight = dark * bright[at] ** 2
             sums = [torch.stack([dark, dark * bright[at], weight]), weight * light[:, *at]]
             total.index_add_(1, of, torch.cat(sums).double())
     return total / 2
 
 
-def _surrounding_mean(
-    light: Tensor, mask: Tensor, level: float, around: int, coarse_pixel: int
-) -> Tensor:
-    """Mean brightness and light [1 + C] of the dark pixels around each coarse pixel.
-
-    It is the level where few are dark. `around`: coarse pixels to each side.
-    """
-    down, across = (-n % coarse_pixel for n in mask.shape)
-    values = torch.cat([torch.ones_like(light[:1]), light.amax(0, keepdim=True), light])
-    dark = pad(values * ~mask, (0, across, 0, down))
-    sums = avg_pool2d(dark, coarse_pixel).double()
-    for size, margin in (((2 * around + 1, 1), (around, 0)), ((1, 2 * around + 1), (0, around))):
-        sums = avg_pool2d(sums, size, 1, margin, divisor_override=1)
-    fraction, of_dark = sums[:1], sums[1:]
-    return torch.where(fraction > 0.5, of_dark / fraction.clamp(min=0.5), level)
-
-
-def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int], sharp: float) -> _Lamps:
-    """The lamp of each run, by its blob.
-
-    `sums`: those of `_band`; `size`: (height, width) of the frame; `sharp`: radius in px up to
-    which a blob is in focus.
-    """
-    blob, colors = runs.blobs(size[1]), len(sums) // 2 - 3
-    values = torch.cat([runs.area.double()[None], sums])
-    totals = values.new_zeros(len(values), int(blob.max()) + 1 if len(blob) else 0)
-    totals = totals.index_add(1, blob, values)
-    area, bleached, blur, beside = totals[:4]
-    ground = (totals[4 : 4 + colors] / area).clamp(max=_LEVELS[-2])
-    count, brightness, weight = totals[4 + colors : 7 + colors]
+def _lamps(frame: _Frame, blobs: _Blobs, low: float) -> _Lamps:
+    """The lamp of each blob [m] of pixels brighter than a level."""
+    runs, number, (row, column, blob), _ = blobs
+    zeros = torch.zeros(blobs.many, dtype=torch.float64, device=number.device)
+    area = zeros.index_add(0, number, (runs.end - runs.first).double())
+    white, blur = _step(frame.light[:, row, column].amin(0), *_HUE), frame.blur[row, column]
+    values = white, blur, *_beside(frame, row, column, low)
+    bleached, blur, beside, *ground = (zeros.index_add(0, blob, x.double()) for x in values)
+    count_of_rim, brightness, weight, *shine = _rim(frame, blobs, low)
     white = _step(bleached / area, *_BLEACHED)
-    across = math.sqrt(size[0] * size[1])
+    across = math.sqrt(frame.blur.numel())
     of_color, of_white = (
         [max(fraction * across, px) for fraction, px in zip(fractions, _MIN_PX, strict=True)]
         for fractions in (_COLORED, _WHITE)
     )
     small = 1 - _step(area.sqrt(), *_interpolated(of_color, of_white, white))
     bounds = _interpolated(_COLORED_BESIDE, _WHITE_BESIDE, white)
-    apart = 1 - _step(beside / (area * level), *bounds)
+    apart = 1 - _step(beside / (area * max(low, _LEVELS[1])), *bounds)
     # excess of the rim over the surroundings, as a share of that of white; for a blob without a
     # rim, whose border is a mixture, the two are about equal in all colours
-    glow = ((totals[7 + colors :] / weight.clamp(min=_TINY) - ground) / (1 - ground)).clamp(min=0)
+    around = (torch.stack(ground) / area).clamp(max=_LEVELS[-2])
+    glow = ((torch.stack(shine) / weight.clamp(min=_TINY) - around) / (1 - around)).clamp(min=0)
     maximum = glow.amax(0)
-    rim = (brightness - count * beside / area) / (1 - beside / area).clamp(min=1 - _LEVELS[-2])
+    rim = brightness - count_of_rim * beside / area
+    rim = rim / (1 - beside / area).clamp(min=1 - _LEVELS[-2])
     hue, radius = torch.where(maximum > _TINY, glow / maximum, 1.0), blur / area
-    within = area.minimum(2 * radius * area / _length(runs, blob))  # only a part of a tube
+    within = area.minimum(2 * radius * area / _length(blobs))  # only a part of a tube
     return _Lamps(
-        fraction=small * apart * _step(radius, sharp, _BLURRED * sharp),
+        fraction=small * apart * _step(radius, frame.sharp, _BLURRED * frame.sharp),
         clipped=area / (area + rim.clamp(min=0)),
         disc=(within / (math.pi * radius**2)).clamp(max=1),
         hue=hue,
         says_hue=_step(maximum, *_SAYS_HUE) * _step(1 - hue.amin(0), *_SATURATED),
-    ).select(blob)
+    )
 
 
-def _length(runs: Runs, blob: Tensor) -> Tensor:
+def _length(blobs: _Blobs) -> Tensor:
     """The longer side of each blob [m], in px."""
+    runs, blank = blobs.runs, blobs.number.new_zeros(blobs.many)
 
     def ends(values: Tensor, which: str) -> Tensor:
-        start = values.new_zeros(int(blob.max()) + 1 if len(blob) else 0)
-        return start.scatter_reduce(0, blob, values, which, include_self=False)
+        return blank.scatter_reduce(0, blobs.number, values, which, include_self=False)
 
     down = ends(runs.row, "amax") - ends(runs.row, "amin") + 1
     return down.maximum(ends(runs.end, "amax") - ends(runs.first, "amin"))
 
 
-def _interpolated(
-    colored: Sequence[float], white: Sequence[float], fraction: Tensor
-) -> list[Tensor]:
+def _interpolated(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
     """Bounds of blobs, interpolated from those of coloured ones (0) to those of white ones (1)."""
-    return [a + (b - a) * fraction for a, b in zip(colored, white, strict=True)]
-
-
-def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
-    """The number of blobs at the lowest level above the threshold that hold a light."""
-    above = [level for level in levels if level.low >= threshold] or levels[-1:]
-    base, holding = above[0].runs, []
-    for level in above:
-        row, first, _ = (part[level.lamps.fraction > _COUNTED] for part in level.runs)
-        holding.append(base.holding(row, first, width))
-    return len(torch.unique(base.blobs(width)[torch.cat(holding)]))
+    return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
 
 
 def _wide(values: Tensor) -> Tensor:
@@ -338,71 +324,29 @@ def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
     return x * x * (3 - 2 * x)
 
 
-def _lit(
-    image: Tensor, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
-) -> Tensor:
-    """The picture with the light of its blobs added."""
-
-    def of_box(box: Box) -> Tensor:
-        window = box.crop(image)
-        light, rest = _wide(window).tensor_split([colors])
-        bright = light.amax(0)
-        at = positions_of(bright.detach() > levels[0].low)
-        if not len(at):
-            return window
-        row, column = at.unbind(1)
-        colors_there, shining = light[:, row, column], bright[row, column]
-        change = torch.zeros_like(colors_there)
-        for low, high, runs, lamps in levels:
-            above = (shining.detach() > low).nonzero()[:, 0]
-            run = runs.holding(row[above] + box.top, column[above] + box.left, image.shape[-1])
-            lower, upper = (
-                _step(shining[above].clamp(max=bound), threshold, 1) for bound in (low, high)
-            )
-            upper = upper if high < 1 else _step(shining[above], threshold, 1)
-            lamp = _Lamps(*(values.to(change) for values in lamps.select(run)))
-            own = colors_there[:, above]
-            true = torch.lerp(own, shining[above] * lamp.hue, lamp.says_hue)
-            more = (upper - lower) * lamp.fraction * (lamp.gain(gain) * true - own)
-            change = change.index_add(1, above, more)
-        lit = light.flatten(1).index_add(1, row * light.shape[2] + column, change)
-        return torch.cat([lit.view_as(light), rest]).to(image.dtype)
-
-    return in_bands(of_box, (image.shape[-2], image.shape[-1]), image.device)
-
-
 class Runs(NamedTuple):
     """The runs of a mask, in order of their first pixels."""
 
     row: Tensor  # [n] row of each run
     first: Tensor  # [n] column of its first pixel
     end: Tensor  # [n] column after its last pixel
+    stride: int  # from a pixel to the one below it, among numbers of pixels
 
     @classmethod
-    def from_mask(cls, mask: Tensor, top: int) -> Runs:
-        """The runs of rows [h, W] of a mask, of which the first is row `top`."""
-        steps = torch.nn.functional.pad(mask.to(torch.int8), (1, 1)).diff(dim=1)
+    def from_mask(cls, mask: Tensor) -> Runs:
+        """The runs of the rows of a mask [H, W]."""
+        steps = pad(mask.to(torch.int8), (1, 1)).diff(dim=1)
         row, first = torch.nonzero(steps > 0).unbind(1)
-        return cls(row + top, first, torch.nonzero(steps < 0)[:, 1])
+        return cls(row, first, torch.nonzero(steps < 0)[:, 1], mask.shape[1] + 2)
 
-    @classmethod
-    def concatenate(cls, bands: list[Runs]) -> Runs:
-        """The runs of bands, joined from the top down."""
-        return cls(*(torch.cat(part) for part in zip(*bands, strict=True)))
+    def holding(self, row: Tensor, column: Tensor) -> Tensor:
+        """The number of the run that holds each pixel of the mask."""
+        firsts = self.row * self.stride + self.first
+        return torch.searchsorted(firsts, row * self.stride + column, right=True) - 1
 
-    @property
-    def area(self) -> Tensor:
-        """The number of pixels of each run."""
-        return self.end - self.first
-
-    def holding(self, row: Tensor, column: Tensor, width: int) -> Tensor:
-        """The number of the run that holds each pixel of the mask, in a frame of some width."""
-        firsts = self.row * width + self.first
-        return torch.searchsorted(firsts, row * width + column, right=True) - 1
-
-    def blobs(self, width: int) -> Tensor:
-        """The number of the blob of each run, from 0 on, in a frame of some width."""
-        one, other = self._touching(width)
+    def blobs(self) -> Tensor:
+        """The number of the blob of each run, from 0 on."""
+        one, other = self._touching()
         label = torch.arange(len(self.row), device=self.row.device)
         while True:
             first, second = label[one], label[other]
@@ -417,12 +361,11 @@ class Runs(NamedTuple):
             while not torch.equal(root := label[label], label):
                 label = root
 
-    def _touching(self, width: int) -> tuple[Tensor, Tensor]:
+    def _touching(self) -> tuple[Tensor, Tensor]:
         """Pairs of runs of neighbouring rows that share a side or a corner."""
-        stride = width + 2
-        firsts, limits = self.row * stride + self.first, self.row * stride + self.end
-        low = torch.searchsorted(limits, firsts + stride)
-        high = torch.searchsorted(firsts, limits + stride, right=True)
+        firsts, limits = self.row * self.stride + self.first, self.row * self.stride + self.end
+        low = torch.searchsorted(limits, firsts + self.stride)
+        high = torch.searchsorted(firsts, limits + self.stride, right=True)
         count = (high - low).clamp(min=0)
         one = torch.arange(len(low), device=low.device).repeat_interleave(count)
         before = (count.cumsum(0) - count).repeat_interleave(count)
