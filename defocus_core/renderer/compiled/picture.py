@@ -87,8 +87,7 @@ def _stacked(
     light = torch.zeros(len(layers), *size, CHANNELS + 1, dtype=torch.float32)
     radius = torch.stack([layer.signed_radius.float() for layer in layers])
     for own, layer in zip(light, layers, strict=True):
-        color = layer.color[channels] / unit
-        color = color if layer.is_whole else color * layer.coverage
+        color = layer.color[channels] / unit * layer.coverage
         own[..., : len(color)] = color.movedim(0, -1)
         own[..., -1] = layer.covered
     return light.flatten(2).numpy(), radius.numpy()

@@ -100,8 +100,8 @@ class TileCompositor:
             self._covered[number] = self.coverage
         if shown is not None:
             layer, fraction = shown_behind(self.front, shown.layer, full)
-            if sight and (seen := sight.to_layer(number)) is not None:
-                fraction = fraction * seen
+            if sight:
+                fraction = fraction * sight.to_layer(number)
             self.front = self.front.addcmul(layer, fraction)
             if shown.moved is not None:
                 moved = shown.moved * fraction[-len(shown.moved) :]

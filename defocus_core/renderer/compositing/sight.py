@@ -64,17 +64,13 @@ class SightLimits(NamedTuple):
         """The limits in a box."""
         return self._replace(farthest=box.crop(self.farthest))
 
-    def to_layer(self, layer_index: int) -> Tensor | None:
-        """Whether [..., h, w] the lens sees as far as a layer; None if it does everywhere."""
-        return self._is_seen(bisect_left(self.layer_of, layer_index))
+    def to_layer(self, layer_index: int) -> Tensor:
+        """Whether [..., h, w] the lens sees as far as a layer."""
+        return self.farthest >= bisect_left(self.layer_of, layer_index)
 
-    def to_octave(self, octave: int) -> Tensor | None:
-        """As `to_layer`, for an octave."""
-        return self._is_seen(bisect_left(self.octaves, octave))
-
-    def _is_seen(self, number: int) -> Tensor | None:
-        seen = self.farthest >= number
-        return None if seen.is_cpu and bool(seen.all()) else seen
+    def to_octave(self, octave: int) -> Tensor:
+        """Whether [..., h, w] the lens sees as far as the hidden surfaces of an octave."""
+        return self.farthest >= bisect_left(self.octaves, octave)
 
 
 def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
@@ -146,9 +142,9 @@ class Openings(NamedTuple):
         """The share [h, w] of the pupil that is left for hidden surfaces of a layer."""
         return torch.where(self.layer_index < layer_index, self.room, 1)
 
-    def to_octave(self, _: int) -> None:
-        """None: continued surfaces have no limit, as they fill what is left at last."""
-        return
+    def to_octave(self, _: int) -> float:
+        """The share for surfaces that are continued: they fill what is left at last."""
+        return 1.0
 
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:

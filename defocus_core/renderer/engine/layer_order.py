@@ -99,8 +99,7 @@ class Filling:
         if self.level:
             tile, coarse = self._tiles[index], self._coarse_of[index]
             layer = resampled(layer, *(self._axis_weights(d, tile, coarse, layer) for d in (0, 1)))
-        limit = None if sight is None else sight.to_octave(octave)
-        return layer if limit is None else layer * limit
+        return layer if sight is None else layer * sight.to_octave(octave)
 
     def _axis_weights(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
         """The shares of coarse pixels in the pixels of a tile, along one axis."""

@@ -30,8 +30,7 @@ class SampleLayer(NamedTuple):
     """Samples of pixels, at most one of each pixel."""
 
     color: Tensor  # [C, ..., H, W], not premultiplied by coverage; 0 where that is 0
-    # [1, ..., H, W], the share of each pixel that the layer covers; [1, 1, 1] where all are whole
-    coverage: Tensor
+    coverage: Tensor  # [1, ..., H, W], the share of each pixel that the layer covers
     signed_radius: Tensor  # [..., H, W] px
     sparse: bool = False  # whether pixels are without a sample
     kind: str = VISIBLE
@@ -39,33 +38,27 @@ class SampleLayer(NamedTuple):
     @classmethod
     def whole(cls, color: Tensor, signed_radius: Tensor) -> SampleLayer:
         """A layer that covers all pixels."""
-        return cls(color, color.new_ones([1] * color.dim()), signed_radius)
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether all pixels are known to have a coverage of 1."""
-        return self.coverage.numel() == 1 < self.signed_radius.numel()
+        return cls(color, color.new_ones(1, *signed_radius.shape), signed_radius)
 
     @property
     def light(self) -> Tensor:
         """[C, ..., H, W], premultiplied by coverage."""
-        return self.color if self.is_whole else self.color * self.coverage
+        return self.color * self.coverage
 
     @property
     def covered(self) -> Tensor:
         """[..., H, W], coverage of all pixels."""
-        return self.coverage.expand(1, *self.signed_radius.shape)[0]
+        return self.coverage[0]
 
     @property
     def light_and_coverage(self) -> list[Tensor]:
         """Light [C, ..., H, W] and coverage [1, ..., H, W]."""
-        return [self.light, self.covered[None]]
+        return [self.light, self.coverage]
 
     def crop(self, box: Box) -> SampleLayer:
         """The layer in a box."""
-        coverage = self.coverage if self.is_whole else box.crop(self.coverage)
-        radius = box.crop(self.signed_radius)
-        return self._replace(color=box.crop(self.color), coverage=coverage, signed_radius=radius)
+        color, coverage, radius = map(box.crop, self[:3])
+        return self._replace(color=color, coverage=coverage, signed_radius=radius)
 
 
 class HiddenLayer(NamedTuple):

@@ -32,9 +32,8 @@ _NEAR, _FAR = 1.0, 0.1
 _PIXELS_AT_ONCE = 1 << 20
 # Share of a pixel up to which an opaque sample may leave it clear.
 _CLEAR = 0.01
-# Samples of a pixel up to which each is compared with all others: a sort of few strides, and is
-# slow.
-FEW_SAMPLES = 8
+# Samples of a pixel up to which each is compared with all others.
+_FEW_SAMPLES = 8
 
 
 class Layered(NamedTuple):
@@ -204,7 +203,7 @@ class SampleStack(NamedTuple):
         weights, first = [], 0
         at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
         for k, radius in enumerate(radii):
-            while k - first > FEW_SAMPLES and bool((_separation(radius, radii[first]) > 1).all()):
+            while k - first > _FEW_SAMPLES and bool((_separation(radius, radii[first]) > 1).all()):
                 first += 1  # another surface, and so it is for all samples farther than this one
             not_hidden = torch.ones_like(radius)
             for start in range(first, k, at_once):
@@ -233,12 +232,4 @@ def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
 
 def ascending(values: Tensor) -> Tensor:
     """The stable order of values [L, h, w] along L."""
-    if len(values) > FEW_SAMPLES:
-        return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)
-    rank = torch.zeros(values.shape, dtype=torch.long, device=values.device)
-    for k in range(1, len(values)):
-        after = values[:k] <= values[k]
-        rank[k] += after.sum(0)
-        rank[:k] += ~after
-    number = torch.arange(len(values), device=values.device)[:, None, None]
-    return torch.empty_like(rank).scatter_(0, rank, number.expand_as(rank))
+    return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)

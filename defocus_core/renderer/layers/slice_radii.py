@@ -178,14 +178,6 @@ def membership(positions: Tensor, slices: Tensor) -> Tensor:
     return torch.where(numbers == lower, 1 - fraction, after)
 
 
-def in_slices(light: Tensor, positions: Tensor, slices: Tensor) -> Tensor:
-    """Light [C, ..., H, W] times its `membership` of slices [k]: [C, k, ..., H, W]."""
-    if torch.is_grad_enabled() and (positions.requires_grad or light.requires_grad):
-        return light[:, None] * membership(positions, slices)
-    away = (positions - slices.view(-1, *[1] * positions.dim())).abs_().clamp_(max=1)
-    return torch.addcmul(light[:, None], light[:, None], away, value=-1)
-
-
 def slice_before(positions: Tensor) -> Tensor:
     """The slice before positions [...]; a position on a slice belongs to the interval before it.
 

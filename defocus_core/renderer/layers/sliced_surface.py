@@ -16,12 +16,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.renderer.layers.slice_radii import (
-    in_slices,
-    membership,
-    slice_before,
-    slice_position,
-)
+from defocus_core.renderer.layers.slice_radii import membership, slice_before, slice_position
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span
 from defocus_core.tensors.neighbourhoods import flat_nonzero
@@ -287,9 +282,8 @@ class SlicedSurface:
         numbers = self._slice_numbers[slice_indices.start : slice_indices.stop]
 
         first, *others = self._samples
-        slices = in_slices(
-            self._unframed(box, first.light), self._unframed(box, first.positions), numbers
-        )
+        fractions = membership(self._unframed(box, first.positions), numbers)
+        slices = self._unframed(box, first.light)[:, None] * fractions
         for layer in others:
             part = _bounds(layer.blocks[slice_indices.start : slice_indices.stop], box)
             if part is not None:
@@ -308,10 +302,9 @@ class SlicedSurface:
     def shifts(self, index: int) -> Tensor | None:
         """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
         tile = self._tiles[index].seen_from(self._given)
-        shifts = self._shifts.color_change(tile) if self._shifts else None
-        if shifts is None or self._first.is_whole:
-            return shifts
-        return shifts * tile.crop(self._first.coverage)
+        if self._shifts is None:
+            return None
+        return self._shifts.color_change(tile) * tile.crop(self._first.coverage)
 
     def slopes(self, window: Box) -> Tensor:
         """Slopes [2, height, width] within a window around a tile that has tilted slices."""

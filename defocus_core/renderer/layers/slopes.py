@@ -14,7 +14,6 @@ the parts sum to zero.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -138,8 +137,6 @@ class Shifts:
         half = parts[0] if parts[0].is_uneven else LEFT
         known = aperture if requires_grad else aperture.fixed
         self._apparent = stacked(apparent(radii, known, half), signed_radius)  # [K]
-        # pixels of lesser radii have shares in slices near focus
-        self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [aperture.centroid(part) for part in parts]
         # x, and y where it makes a difference
         level = (torch.as_tensor(y * y < _LEVEL**2).all() for _, y in centroids)
@@ -147,26 +144,19 @@ class Shifts:
         means = stacked([mean for pair in centroids for mean in pair], signed_radius)
         self._centroids = means.view(-1, 2)[:, :dims]
 
-    def color_change(self, box: Box) -> Tensor | None:
-        """The change of the colours of a surface within a rectangle: [M, C, h, w].
-
-        None if nothing in the rectangle is near focus. On a GPU this is not checked, for the check
-        would wait for the device.
-        """
+    def color_change(self, box: Box) -> Tensor:
+        """The change of the colours of a surface within a rectangle: [M, C, h, w]."""
         around = box.grown(_BESIDE, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
         color, radius = around.crop(self._color), around.crop(self._radius)
         positions, r = inner.crop(around.crop(self._positions)), inner.crop(radius)
-        size = r.abs()
-        if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
-            return None
         lower = slice_before(positions.detach())
         fraction, number = positions - lower, lower.long()
         pairs = [(number + i).clamp(max=len(self._apparent) - 1) for i in (0, 1)]
         first, second = (self._apparent.index_select(0, each.flatten()) for each in pairs)
         apparent = torch.lerp(first, second, fraction.flatten()).reshape(r.shape)
         # as positions do, it begins between SHARP and SOFT
-        begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
+        begun = ((r.abs() - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.crop(_slope(color, radius, dim)) for dim in dims])
         changes = slopes * (apparent - begun * r)

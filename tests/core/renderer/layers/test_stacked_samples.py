@@ -25,7 +25,7 @@ def test_many_layers_are_composited_as_each_alone(monkeypatch, kind):
     views = render_layers(*layers)
     (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
     monkeypatch.setattr(region_layers, "of_slices", lambda layers, radii: layers)
-    monkeypatch.setattr(samples, "FEW_SAMPLES", 1000)
+    monkeypatch.setattr(samples, "_FEW_SAMPLES", 1000)
     each = render_layers(*layers)
     (of_each,) = torch.autograd.grad(each.render.square().sum(), layers[0])
     torch.testing.assert_close(views.render, each.render, rtol=0, atol=1e-6)
