@@ -271,8 +271,7 @@ def transform_windows(
     region: tuple[int, int],
     aperture: Aperture,
     parts: list[Part],
-    dtype: torch.dtype,
-    device: torch.device,
+    like: Tensor,  # of the dtype and device of spectra
     stride: int,
 ) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
@@ -283,8 +282,6 @@ def transform_windows(
     sharing: dict[int, list[int]] = {}
     for k, slice_index in enumerate(layers):
         sharing.setdefault(slice_index, []).append(k)
-    precision = torch.complex128 if dtype == torch.float64 else torch.complex64
-    like = torch.empty(0, dtype=precision, device=device)
     window_of: dict[int, TransformWindow] = {}
     for slices in sharing.values():
         extent, level = max(spreads[k].coarse for k in slices), spreads[slices[0]].level

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable
 from functools import lru_cache, partial
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -13,8 +12,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import (
     Slicing,
     Spread,
@@ -85,14 +82,24 @@ def frame_of(
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     dtype = torch.float64 if content.double else computed_in(pixels, signed_radius)
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
-    device = pixels.device
 
     def tiled(division: Division) -> tuple[Grid, Slices]:
         """The tiles, and how slices are blurred in them."""
-        grid = _grid_of(settings, size, device, layer_indices, sample * len(division.parts))
-        sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
-        slicing = partial(_slicing, radii, sizes, settings.aperture, division.parts, dtype, device)
-        return grid, _slices(radii, layer_indices, (fine, coarse), stride, slicing)
+        each = sample * len(division.parts)
+        grid = _grid_of(settings, size, pixels.device, layer_indices, each)
+        like = pixels.new_empty(0, dtype=dtype.to_complex())
+        slicing = partial(_slicing, radii, grid, largest(regions(grid, margin)), division, like)
+        of_hidden = octaves(radii)
+        # what is hidden is composited by octaves; slices blurred alike share a transform
+        spreads = zip(of_hidden, coarse.spreads, strict=True)
+        kinds = [(octave, spread.level, spread.coarse == 0) for octave, spread in spreads]
+        others = (kind != before for before, kind in pairwise(kinds))
+        return grid, Slices(
+            composite_order(radii, layer_indices),
+            of_hidden,
+            visible=slicing(fine, layer_indices, 1),
+            invented=slicing(coarse, list(accumulate(others, initial=0)), stride),
+        )
 
     return SharedFrame(
         size=size,
@@ -165,29 +172,6 @@ def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = No
     )
 
 
-def _slices(
-    radii: tuple[float, ...],
-    layer_indices: list[int],
-    resolutions: tuple[_Resolution, _Resolution],
-    stride: int,
-    slicing: Callable[[_Resolution, list[int], int], Slicing],
-) -> Slices:
-    """The slices of visible and of invented content, at fine and at coarse resolution."""
-    fine, coarse = resolutions
-    of_hidden = octaves(radii)
-    # what is hidden is composited by octaves; slices that are blurred alike share a transform
-    kinds = [
-        (o, each.level, each.coarse == 0) for o, each in zip(of_hidden, coarse.spreads, strict=True)
-    ]
-    invented = list(accumulate((kind != before for before, kind in pairwise(kinds)), initial=0))
-    return Slices(
-        composite_order(radii, layer_indices),
-        of_hidden,
-        visible=slicing(fine, layer_indices, 1),
-        invented=slicing(coarse, invented, stride),
-    )
-
-
 def _inwards(
     border: tuple[float, float],
     radii: tuple[float, ...],
@@ -206,31 +190,22 @@ def _inwards(
 
 def _slicing(
     radii: tuple[float, ...],
-    sizes: tuple[tuple[int, int], tuple[int, int]],
-    aperture: Aperture,
-    parts: list[Part],
-    dtype: torch.dtype,
-    device: torch.device,
+    grid: Grid,
+    region: tuple[int, int],  # greatest (height, width) in px
+    division: Division,
+    like: Tensor,
     resolution: _Resolution,
     layer_of: list[int],
     stride: int,
 ) -> Slicing:
-    """The slices of a surface at a resolution; sizes (height, width) are of a tile and a region."""
+    """The slices of a surface at a resolution."""
     level, spreads, reaches = resolution
-    slice_windows = transform_windows(
-        tuple(r / (1 << level) for r in radii),
-        spreads,
-        layer_of,
-        _halved(sizes[0], level),
-        _halved(sizes[1], level),
-        aperture,
-        parts,
-        dtype,
-        device,
-        stride,
-    )
+    scaled = tuple(r / (1 << level) for r in radii)
+    side, region = (_halved(size, level) for size in (grid.tiles[0][2:], region))
+    opening = division.aperture, division.parts
+    windows = transform_windows(scaled, spreads, layer_of, side, region, *opening, like, stride)
     reached = [spread.px for spread in spreads]
-    return Slicing(stride, level, slice_windows, layer_of, reached, reaches)
+    return Slicing(stride, level, windows, layer_of, reached, reaches)
 
 
 @lru_cache(maxsize=256)
