@@ -254,15 +254,8 @@ class RandomDefocus(torch.nn.Module):
 
     def extra_repr(self) -> str:
         """The options by name, for the module's repr."""
-        names = (
-            *OPTIONS,
-            "max_radius",
-            "left_right",
-            "quality",
-            "depth_repair",
-            "threads",
-            "depth_unit",
-        )
+        others = ("max_radius", "left_right", "quality", "depth_repair", "threads", "depth_unit")
+        names = (*OPTIONS, *others)
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
     @overload
@@ -368,28 +361,24 @@ class RandomDefocus(torch.nn.Module):
             raise bad_depth("depth", maps, maps > 0, "positive")
         by_percent = getattr(self.foc_dist, "kind", "") == "percentile"
         ascending = depth.sort(1).values if by_percent else depth
-        found = dict[int, _Drawing | str](dict.fromkeys(range(len(seeds)), ""))
-        for attempt in range(ATTEMPTS):
-            open_numbers = [n for n, drawing in found.items() if isinstance(drawing, str)]
-            if not open_numbers:
-                break
-            options = {n: drawn(choices, seeds[n], attempt) for n in open_numbers}
-            if by_percent:
-                pixels = [max(round(extremes[n][2]), 1) for n in open_numbers]
-                percents = [options[n]["foc_dist"] for n in open_numbers]
-                ranks = list(map(percentile_rank, percents, pixels))
-                distances = _ranked_values(ascending, open_numbers, ranks)
-                for n, foc_dist in zip(open_numbers, distances, strict=True):
-                    options[n]["foc_dist"] = foc_dist
-            found |= {n: self._suited(options[n], extremes[n][:2], size) for n in open_numbers}
-        for seed, drawing in zip(seeds, found.values(), strict=True):
-            if isinstance(drawing, str):
+        drawings = []
+        for seed, (*ends, count), ranked in zip(seeds, extremes, ascending, strict=True):
+            for attempt in range(ATTEMPTS):
+                options = drawn(choices, seed, attempt)
+                if by_percent:
+                    rank = percentile_rank(options["foc_dist"], max(round(count), 1))
+                    options["foc_dist"] = float(ranked[rank - 1])
+                drawing = self._suited(options, ends, size)
+                if isinstance(drawing, _Drawing):
+                    drawings.append(drawing)
+                    break
+            else:
                 raise ValueError(
                     f"{drawing} with the last of {ATTEMPTS} lenses drawn for seed {seed}; check "
                     f"that depth is in {self.depth_unit}, or change max_radius, foclen or fnum of "
                     f"{self.extra_repr()}"
                 )
-        return [drawing for drawing in found.values() if not isinstance(drawing, str)]
+        return drawings
 
     def _suited(
         self, options: dict[str, Any], extremes: list[float], size: torch.Size
@@ -445,15 +434,6 @@ def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> ViewTensors:
     image, radius, settings = one
     surface = Surface(image, radius)
     return views_alone(surface, settings) or Renderer(surface, settings).picture()
-
-
-def _ranked_values(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:
-    """The values of ranks, from 1, in some rows of [B, n]."""
-    length = ascending.shape[1]
-    index = torch.tensor([row * length + rank - 1 for row, rank in zip(rows, ranks, strict=True)])
-    index = index.to(ascending.device, non_blocking=True)
-    values: list[float] = ascending.flatten().index_select(0, index).tolist()
-    return values
 
 
 def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:

@@ -8,6 +8,7 @@ bilinear in its place. Neighbouring regions share corners, so that no seam is le
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import NamedTuple
 
 import torch
@@ -96,15 +97,6 @@ class Reduced:
         return cubic_weights(first, pixels[dim + 2], 0.5**self._level, count, like)
 
 
-class BlurPiece(NamedTuple):
-    """A layer in a tile at full resolution."""
-
-    layer_index: int  # number of the layer
-    window: TransformWindow  # window of its slices
-    slice_indices: range  # the range of the surface's slices that reach the tile
-    near: bool  # whether the layer is near focus, so that parts see sub-pixel shifts
-
-
 class ShownLayer(NamedTuple):
     """A layer over a tile."""
 
@@ -140,15 +132,14 @@ class Blur:
         before = max((w.margin for w in whole), default=0)
         beyond = max((n - w.margin for w in whole for n in w.size), default=0)
         every = slice(None, None, slicing.stride)
-        layers, self.windows = slicing.layers[every], slicing.windows[every]
+        self._layers, self.windows = slicing.layers[every], slicing.windows[every]
         self.surface = surface = SlicedSurface(
             samples, radii[every], slicing.coarse[every], grid, before, beyond
         )
         tilted = {slice_index for tile_list in surface.tilted_plan for slice_index in tile_list}
         indices_of: dict[int, list[int]] = {}
         for slice_index in sorted({number for plan in surface.plan for number in plan}):
-            indices_of.setdefault(layers[slice_index], []).append(slice_index)
-        self._pieces: list[list[BlurPiece]] = [[] for _ in grid.tiles]
+            indices_of.setdefault(self._layers[slice_index], []).append(slice_index)
         self._reduced: dict[int, Reduced] = {}
         for layer_index, slice_indices in indices_of.items():
             window = self.windows[slice_indices[0]]
@@ -157,37 +148,32 @@ class Blur:
                 self._reduced[layer_index] = Reduced(
                     surface, window, numbers, tilted, self._groups, grid.box, middle
                 )
-            near = float(window.radii.abs().amin()) < NEAR
-            for pieces, plan in zip(self._pieces, surface.plan, strict=True):
-                reaching = [number for number in plan if layers[number] == layer_index]
-                if reaching:
-                    indices = range(reaching[0], reaching[-1] + 1)
-                    pieces.append(BlurPiece(layer_index, window, indices, near))
 
     def tile_layers(self, index: int) -> dict[int, ShownLayer]:
         """The layers of the surface over a tile: sums of blurred slices."""
-        tile, shown = self._grid.tiles[index], dict[int, ShownLayer]()
-        near = any(piece.near for piece in self._pieces[index])
-        shifts = self.surface.shifts(index) if near else None
-        for piece in self._pieces[index]:
-            if reduced := self._reduced.get(piece.layer_index):
+        tile, shown, shifts = self._grid.tiles[index], dict[int, ShownLayer](), None
+        for layer_index, numbers in groupby(self.surface.plan[index], self._layers.__getitem__):
+            first, *others = numbers
+            indices = range(first, (others or [first])[-1] + 1)
+            window = self.windows[first]
+            if reduced := self._reduced.get(layer_index):
                 layer = reduced.upsampled(tile)
             else:
-                layer = (self._blurred if piece.window.margin else self._sharp)(piece, index)
+                layer = (self._blurred if window.margin else self._sharp)(window, indices, index)
             if self._by_corners:
                 layer = blended(layer, tile, self._grid.box)
             moved = None
-            if shifts is not None and piece.near:
+            if self.surface.has_shifts and float(window.radii.abs().amin()) < NEAR:
+                shifts = self.surface.shifts(index) if shifts is None else shifts
                 # a part gets shifts for the coverage that it sees, no more
-                fraction = self.surface.fractions(piece.slice_indices, tile)
+                fraction = self.surface.fractions(indices, tile)
                 moved = shifts * torch.minimum(fraction, layer[-len(shifts) :, -1:].clamp(min=0))
-            shown[piece.layer_index] = ShownLayer(layer, moved)
+            shown[layer_index] = ShownLayer(layer, moved)
         return shown
 
-    def _blurred(self, piece: BlurPiece, index: int) -> Tensor:
+    def _blurred(self, window: TransformWindow, slice_indices: range, index: int) -> Tensor:
         """A layer over a tile: [M, C + 1, h, w]."""
-        surface, window, slice_indices = self.surface, piece.window, piece.slice_indices
-        tile = self._grid.tiles[index]
+        surface, tile = self.surface, self._grid.tiles[index]
         box = Box(tile.top - window.margin, tile.left - window.margin, *window.size)
         pixels = surface.members(slice_indices, box)
         spectra = torch.fft.rfft2(pixels).unbind(1)
@@ -209,7 +195,7 @@ class Blur:
         margin = window.margin
         return blurred(terms, self._groups, window.size, Box(margin, margin, *tile[2:]))
 
-    def _sharp(self, piece: BlurPiece, index: int) -> Tensor:
+    def _sharp(self, _: TransformWindow, slice_indices: range, index: int) -> Tensor:
         """A layer whose slices are not blurred, by all parts alike."""
-        pixels = self.surface.members(piece.slice_indices, self._grid.tiles[index]).sum(1)
+        pixels = self.surface.members(slice_indices, self._grid.tiles[index]).sum(1)
         return pixels.expand(self._groups[-1].stop, *pixels.shape)

@@ -299,11 +299,15 @@ class SlicedSurface:
             positions, self._slice_numbers[slice_indices.start : slice_indices.stop]
         ).sum(0)
 
-    def shifts(self, index: int) -> Tensor | None:
-        """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
+    @property
+    def has_shifts(self) -> bool:
+        """Whether sub-pixel shifts are rendered."""
+        return self._shifts is not None
+
+    def shifts(self, index: int) -> Tensor:
+        """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]."""
+        assert self._shifts is not None
         tile = self._tiles[index].seen_from(self._given)
-        if self._shifts is None:
-            return None
         return self._shifts.color_change(tile) * tile.crop(self._first.coverage)
 
     def slopes(self, window: Box) -> Tensor:
