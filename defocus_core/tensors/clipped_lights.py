@@ -143,7 +143,7 @@ def _lit(
     """Light with that of its lamps, and the number of these."""
     levels = [pair for pair in pairwise(_LEVELS) if pair[1] > minimum]
     sharp = float((_SHARP * blur.amax()).clamp(*_SHARP_PX))
-    frame = _Frame(light.detach(), light.detach().amax(0), blur, sharp)
+    frame = _LightFrame(light.detach(), light.detach().amax(0), blur, sharp)
     base, holding, places, changes = None, list[Tensor](), list[Tensor](), list[Tensor]()
     for low, high in levels:
         every, is_last = Runs.from_mask(frame.bright > low), high == _LEVELS[-1]
@@ -167,7 +167,7 @@ def _lit(
     return lit.view_as(light), len(torch.unique(base.blobs()[torch.cat(holding)]))
 
 
-class _Blobs(NamedTuple):
+class _SmallBlobs(NamedTuple):
     """Blobs of pixels that are brighter than a level, and small enough for lamps."""
 
     runs: Runs
@@ -176,7 +176,7 @@ class _Blobs(NamedTuple):
     many: int  # number of blobs
 
 
-class _Frame(NamedTuple):
+class _LightFrame(NamedTuple):
     """A picture among whose pixels there may be lamps."""
 
     light: Tensor  # [C, H, W]
@@ -184,7 +184,7 @@ class _Frame(NamedTuple):
     blur: Tensor  # [H, W] px
     sharp: float  # px of it up to which a blob is in focus
 
-    def blobs_within(self, runs: Runs) -> _Blobs:
+    def blobs_within(self, runs: Runs) -> _SmallBlobs:
         """The blobs of runs that are small enough."""
         blob, most = runs.blobs(), max(_WHITE[1] * math.sqrt(self.blur.numel()), _MIN_PX[1])
         area = blob.new_zeros(len(blob)).index_add(0, blob, runs.end - runs.first)
@@ -195,10 +195,10 @@ class _Frame(NamedTuple):
         within = torch.arange(len(run), device=row.device) - (length.cumsum(0) - length)[run]
         pixels = row[run], first[run] + within, number[run]
         many = int(number.max()) + 1 if len(number) else 0
-        return _Blobs(Runs(row, first, end, runs.stride), number, pixels, many)
+        return _SmallBlobs(Runs(row, first, end, runs.stride), number, pixels, many)
 
 
-def _beside(frame: _Frame, row: Tensor, column: Tensor, level: float) -> Iterator[Tensor]:
+def _beside(frame: _LightFrame, row: Tensor, column: Tensor, level: float) -> Iterator[Tensor]:
     """Mean brightness and light [n] of the dark pixels around pixels [n]; few are as the level."""
     dark, height, width = frame.bright <= level, *frame.bright.shape
     reach = max(_MIN_AROUND, round(_AROUND * max(height, width)))
@@ -238,7 +238,7 @@ class _Lamps(NamedTuple):
         return torch.where(over > 0, shown / self.disc.clamp(min=_TINY), own).clamp(min=1)
 
 
-def _rim(frame: _Frame, blobs: _Blobs, level: float) -> Tensor:
+def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
     """Sums of number, brightness, weight and weighted light [3 + C, m] of pixels beside blobs.
 
     They are the mean of those to the sides and of those above and below, so that a turned picture
@@ -262,7 +262,7 @@ def _rim(frame: _Frame, blobs: _Blobs, level: float) -> Tensor:
     return total / 2
 
 
-def _lamps(frame: _Frame, blobs: _Blobs, low: float) -> _Lamps:
+def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
     """The lamp of each blob [m] of pixels brighter than a level."""
     runs, number, (row, column, blob), _ = blobs
     zeros = torch.zeros(blobs.many, dtype=torch.float64, device=number.device)
@@ -298,7 +298,7 @@ def _lamps(frame: _Frame, blobs: _Blobs, low: float) -> _Lamps:
     )
 
 
-def _length(blobs: _Blobs) -> Tensor:
+def _length(blobs: _SmallBlobs) -> Tensor:
     """The longer side of each blob [m], in px."""
     runs, blank = blobs.runs, blobs.number.new_zeros(blobs.many)
 
