@@ -19,6 +19,7 @@ from defocus_core.renderer.compiled.look import DepthLook, look_at_depth, look_a
 from defocus_core.renderer.compiled.mixed import set_light, split_mixed
 from defocus_core.renderer.compiled.openings import left_share
 from defocus_core.renderer.compiled.shifts import may_be_shifted
+from defocus_core.renderer.engine.limits import NEGLIGIBLE, OVERSHOOT, SLACK
 from defocus_core.renderer.engine.settings import quality_of
 from defocus_core.renderer.inpainting.disocclusion import EDGE
 from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
@@ -26,9 +27,6 @@ from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.settings import Settings
 
-# As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding;
-# and as in `compositing/left_right.py` the share of light below which nothing is counted.
-_OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
 # Radius in px of the border up to which any frame goes on beyond itself as far as light reaches;
 # others go on by their side, and light reaches so many times its radius and so many px at most.
 _WIDEST, _REACH, _MORE = 40.0, 2.05, 8.0
@@ -171,10 +169,10 @@ def _bounds(statistics: Statistics, count: int, settings: Settings) -> Bounds:
     unit, known = statistics.unit, statistics.channels[:count]
     others = [(statistics.minimum, math.inf)] * (count - len(known))
     least, greatest = np.array([*known, *others]).T / unit
-    slack = [_SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
-    more = _OVERSHOOT * (greatest - least)
+    slack = [SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
+    more = OVERSHOOT * (greatest - least)
     limits = least - slack[0], greatest + slack[1], least - more, greatest + more
-    negative = (statistics.minimum - _NEGLIGIBLE * statistics.limit) / unit
+    negative = (statistics.minimum - NEGLIGIBLE * statistics.limit) / unit
     return Bounds(
         range=np.stack(limits, 1).astype(np.float32),
         minimum=statistics.minimum / unit,

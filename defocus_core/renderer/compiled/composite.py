@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.jit import compiled
-from defocus_core.renderer.compiled.slots import ALONE
+from defocus_core.renderer.engine import limits
+from defocus_core.renderer.layers.slice_radii import ALONE, MORE
 
 F32 = np.float32
 # Steps, each with the number of a slot.
 SHOW, FILL, MARK, BEFORE, ASIDE, CLOSE, FILL_ALL, TOGETHER = range(8)
-# A hidden octave comes before layers whose radius is this many times its greatest one.
-_MORE = 1.263
-# As in `compositing/aperture_views.py`, and coverage that shows nothing.
-_MIN_ROOM, _ERROR, _LEAST_ERROR, _LEAST = 1e-4, 0.2, 1e-12, 1e-9
+_LEAST = 1e-9  # coverage that shows nothing
 _BRIGHT = 0.497  # coverage of the brightest light there is, which is less than 2 units
 
 
@@ -33,7 +31,7 @@ def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int6
     far = [k for k, r in enumerate(slots) if r >= ALONE]
     later: dict[int, list[int]] = {}
     for octave in sorted(octave for octave in octaves if octave):
-        limit = _MORE * ALONE * 2.0 ** abs(octave)
+        limit = MORE * ALONE * 2.0 ** abs(octave)
         first = next((k for k in far if slots[k] >= limit), None)
         if first is not None:
             later.setdefault(first, []).append(octave)
@@ -89,7 +87,7 @@ def set_aside(front, covered, before, aside):
     """
     for x in range(front.shape[1]):
         near = covered[x] + front[3, x] - before[x]
-        going = F32(1) if near > F32(1 - _MIN_ROOM) else front[3, x] - near
+        going = F32(1) if near > F32(1 - limits.MIN_ROOM) else front[3, x] - near
         for i in range(5):
             aside[i, x] = front[i, x]
             front[i, x] = 0
@@ -102,10 +100,10 @@ def close_gaps(front, aside):
     for x in range(front.shape[1]):
         gap = max(F32(1) - front[3, x], F32(0))
         near = aside[3, x] - aside[5, x]
-        error = max(F32(_ERROR) * near, F32(_LEAST_ERROR))
+        error = max(F32(limits.GAP_ERROR) * near, F32(limits.LEAST_ERROR))
         added = gap * min(max(F32(2) - gap / error, F32(0)), F32(1))
-        room = max(F32(1) - aside[5, x], F32(_MIN_ROOM))
-        larger = F32(1) + added / max(room - gap, F32(_MIN_ROOM))
+        room = max(F32(1) - aside[5, x], F32(limits.MIN_ROOM))
+        larger = F32(1) + added / max(room - gap, F32(limits.MIN_ROOM))
         front[0, x] *= larger
         front[1, x] *= larger
         front[2, x] *= larger

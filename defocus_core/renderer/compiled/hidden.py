@@ -15,19 +15,24 @@ from defocus_core.renderer.compiled.back import HiddenSamples, Samples
 from defocus_core.renderer.compiled.coarse import coarse_pixels
 from defocus_core.renderer.compiled.jit import compiled, entry
 from defocus_core.renderer.compiled.pyramid import fill_levels, levels_for
-from defocus_core.renderer.inpainting.disocclusion import DECAY, EDGE, STEP, grain_of
+from defocus_core.renderer.engine import limits
+from defocus_core.renderer.inpainting.disocclusion import (
+    BETWEEN,
+    BITS,
+    CEILING,
+    DECAY,
+    EDGE,
+    FARTHEST,
+    LEVELS,
+    MAXIMUM,
+    NOWHERE,
+    RADIUS,
+    STEP,
+    grain_of,
+)
 
 F32 = np.float32
-# Cones are integers: the radius, or px, in the upper bits, the radius of its edge in the lower.
-_BITS, _LEVELS, _BETWEEN, _MAXIMUM = 16, 13, 0.013, 4096.0
-_RADIUS, _NOWHERE = (1 << _BITS) - 1, -2 << _LEVELS << _BITS
-_CEILING, _BORDER, _LINES, _NEXT, _ENOUGH, _LEAST = 0.497, 0.377, 20.1 * DECAY, 4.0, 0.5, 1e-30
-# Levels that decide the direction of lines together, from a quarter of the resolution on.
-_DIRECTIONS = 3
-# Of lines: see `inpainting/coherence_transport.py`.
-_STEPS = np.array((2.1, 4.1, 7.1, 11.1, 16.1, 22.1))
-_FARTHEST, _ALIKE, _FLAT, _UNCLEAR = 24, 2.013, 1e-3, 0.05
-_NORMAL = (1 + _UNCLEAR**2) ** 0.5 - _UNCLEAR
+_STEPS, _NORMAL = np.array(limits.LINE_STEPS), (1 + limits.UNCLEAR**2) ** 0.5 - limits.UNCLEAR
 
 
 @entry
@@ -38,7 +43,7 @@ def cones_at_edges(radius, grain, coarse):
     distance in px of the closest edge with its radius. grain: px of one grain.
     """
     (height, width), found, odd, before = radius.shape, False, coarse.odd, coarse.before
-    farthest = np.full((coarse.length[1, 0], coarse.length[1, 1]), np.int32(_NOWHERE), np.int32)
+    farthest = np.full((coarse.length[1, 0], coarse.length[1, 1]), np.int32(NOWHERE), np.int32)
     closest = farthest.copy()
     for y in range(height):
         for x in range(width):
@@ -50,16 +55,16 @@ def cones_at_edges(radius, grain, coarse):
             if not far:
                 continue
             found = True
-            level = np.int32(np.rint(min(max(r, -_MAXIMUM), _MAXIMUM) / grain + _BETWEEN))
-            cone = (level << _BITS) + (level + (1 << _LEVELS))
+            level = np.int32(np.rint(min(max(r, -MAXIMUM), MAXIMUM) / grain + BETWEEN))
+            cone = (level << BITS) + (level + (1 << LEVELS))
             for a in range(1 + odd[0]):
                 for b in range(1 + odd[1]):
                     i, j = (y + before[1, 0] + a) // 2, (x + before[1, 1] + b) // 2
                     farthest[i, j] = max(farthest[i, j], np.int32(cone))
-                    closest[i, j] = farthest[i, j] & _RADIUS
+                    closest[i, j] = farthest[i, j] & RADIUS
     if found:
-        _dilate(farthest, np.int32((2 * math.floor(DECAY / grain)) << _BITS))
-        _dilate(closest, np.int32(2 << _BITS))
+        _dilate(farthest, np.int32((2 * math.floor(DECAY / grain)) << BITS))
+        _dilate(closest, np.int32(2 << BITS))
     return farthest, closest, found
 
 
@@ -67,7 +72,7 @@ def cones_at_edges(radius, grain, coarse):
 def _dilate(cones, fall):
     """Spread cones to all sides; their upper bits fall from pixel to pixel."""
     h, w = cones.shape
-    lowest = np.int32(_NOWHERE)
+    lowest = np.int32(NOWHERE)
     for k in range(2 * h):
         i, before = (k, k - 1) if k < h else (2 * h - 1 - k, 2 * h - k)
         if 0 <= before < h:
@@ -135,11 +140,11 @@ def read_level(levels, n, y, x, around, border, ceiling):
 def _direction(tensor, color):
     """The direction (y, x) in which a place changes least, and how clear it is."""
     xx, xy, yy = tensor
-    flat = 1.2e-38 + _FLAT**2 * (color[0] ** 2 + color[1] ** 2 + color[2] ** 2)
+    flat = 1.2e-38 + limits.NO_SLOPE**2 * (color[0] ** 2 + color[1] ** 2 + color[2] ** 2)
     trace = xx + yy + flat
     cosine, sine = (xx - yy) / trace, 2 * xy / trace
     square = cosine * cosine + sine * sine
-    coherence = (math.sqrt(square + _UNCLEAR**2) - _UNCLEAR) / _NORMAL
+    coherence = (math.sqrt(square + limits.UNCLEAR**2) - limits.UNCLEAR) / _NORMAL
     half = cosine / (math.sqrt(square) if square > 0 else 1.0)
     y = math.sqrt(max((1 + half) / 2, 0.0))
     x = math.sqrt(max((1 - half) / 2, 0.0))
@@ -166,15 +171,15 @@ def _transport(half, i, j, border, smooth, tensor):
     values, (y, x, coherence) = half.values, _direction(tensor, smooth)
     a, to_first = _first_beyond(half, i, j, y, x, border)
     b, to_second = _first_beyond(half, i, j, -y, -x, border)
-    first = to_first < _FARTHEST and abs(values[a, 0, 3] - smooth[3]) < _ALIKE
-    second = to_second < _FARTHEST and abs(values[b, 0, 3] - smooth[3]) < _ALIKE
+    first = to_first < FARTHEST and abs(values[a, 0, 3] - smooth[3]) < limits.TRANSPORTED
+    second = to_second < FARTHEST and abs(values[b, 0, 3] - smooth[3]) < limits.TRANSPORTED
     part, weight = 0.0, 0.0
     if first and second:
         part, weight = to_second / (to_first + to_second), coherence
     elif first:
-        part, weight = 1.0, coherence * (1 - to_first / _FARTHEST)
+        part, weight = 1.0, coherence * (1 - to_first / FARTHEST)
     elif second:
-        weight = coherence * (1 - to_second / _FARTHEST)
+        weight = coherence * (1 - to_second / FARTHEST)
     own, rest = weight * part, weight * (1 - part)
     return (
         smooth[0] * (1 - weight) + own * values[a, 0, 0] + rest * values[b, 0, 0],
@@ -190,20 +195,20 @@ def _surface_at(half, levels, y, x, border, ceiling, directions):
     directions: the number of levels whose structure is asked for.
     """
     c0, c1, c2, r, _, _, _, found = read_level(half, np.int64(0), y, x, 0.5, border, ceiling)
-    own = min(found * _NEXT, 1.0)
+    own = min(found * limits.NEXT, 1.0)
     weight = s0 = s1 = s2 = s3 = xx = xy = yy = 0.0
     for n in range(levels.size.shape[0]):
-        if n >= directions and (weight >= _ENOUGH or own >= 1):
+        if n >= directions and (weight >= limits.ENOUGH or own >= 1):
             break
         d0, d1, d2, d3, d4, d5, d6, more = read_level(levels, n, y, x, 0.0, border, ceiling)
         if n < directions:
             xx, xy, yy = xx + d4, xy + d5, yy + d6
-        missing = 1 - weight if weight < _ENOUGH else 0.0
+        missing = 1 - weight if weight < limits.ENOUGH else 0.0
         s0, s1, s2, s3 = s0 + missing * d0, s1 + missing * d1, s2 + missing * d2, s3 + missing * d3
         weight += missing * more
-    scale, rest = own / max(found, _LEAST), 1 - own
+    scale, rest = own / max(found, limits.LEAST_WEIGHT), 1 - own
     weight = own + weight * rest
-    scale, rest = scale / max(weight, _LEAST), rest / max(weight, _LEAST)
+    scale, rest = scale / max(weight, limits.LEAST_WEIGHT), rest / max(weight, limits.LEAST_WEIGHT)
     surface = (
         *(c0 * scale + s0 * rest, c1 * scale + s1 * rest),
         *(c2 * scale + s2 * rest, r * scale + s3 * rest),
@@ -224,25 +229,25 @@ def continue_hidden(picture, cones, grain, coarse, half, levels, light, coarse_r
     odd, before, origin = coarse.odd, coarse.before, coarse.origin
     for i in range(farthest.shape[0]):
         for j in range(farthest.shape[1]):
-            far = (farthest[i, j] & _RADIUS) - (1 << _LEVELS)
-            shown = min((farthest[i, j] >> _BITS) + lost, far) * grain
+            far = (farthest[i, j] & RADIUS) - (1 << LEVELS)
+            shown = min((farthest[i, j] >> BITS) + lost, far) * grain
             near = _least_of(radius, i, j, odd, before)
             coarse_radius[0, i, j] = near
-            next_to = ((closest[i, j] & _RADIUS) - (1 << _LEVELS)) * grain
-            reached = next_to + DECAY * (closest[i, j] >> _BITS)
+            next_to = ((closest[i, j] & RADIUS) - (1 << LEVELS)) * grain
+            reached = next_to + DECAY * (closest[i, j] >> BITS)
             source, front, ceiling = far * grain, np.float64(near), np.inf
             if reached > near + STEP and source > next_to + STEP:
                 if abs(next_to) <= abs(source):
-                    shown, ceiling = reached, next_to + (source - next_to) * _CEILING
+                    shown, ceiling = reached, next_to + (source - next_to) * CEILING
                     source = next_to
                 else:
                     front = next_to
             if not shown > near + STEP:
                 continue
-            border = front + (source - front) * _BORDER
+            border = front + (source - front) * limits.BORDER
             y, x = (i - origin[1, 0]) * 2, (j - origin[1, 1]) * 2
-            lines = source - shown <= _LINES
-            directions = _DIRECTIONS if lines else 0
+            lines = source - shown <= limits.LINES * DECAY
+            directions = limits.DIRECTIONS if lines else 0
             surface, tensor, weight = _surface_at(half, levels, y, x, border, ceiling, directions)
             if weight <= 0 or surface[3] <= near + STEP:
                 continue

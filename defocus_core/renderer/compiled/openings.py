@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.optics.outline import CurvedPolygon, Disc, Outline, Polygon, Squeezed
+from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.ties import off_round
 
 # Radii are rounded to this share of a px, up from so much of one on: a little more than half, which
@@ -17,7 +18,7 @@ from defocus_core.tensors.ties import off_round
 STEPS, HALF = 16, off_round(0.5)
 # Radii in px of the discs near focus: a pixel between two is a mean of both that keeps the second
 # moment of the blur, as the slices of the torch back. Up to SHARP it is a point.
-NEAR, SHARP, SOFT = (0.75, 1.5), 0.15, 0.25
+NEAR = (0.75, 1.5)
 FIRST, SECOND = (round(r * STEPS) for r in NEAR)
 # Heights at which the chords of an opening are summed, and corners of the arc of a blade.
 _HEIGHTS, _CORNERS = 1 << 10, 16

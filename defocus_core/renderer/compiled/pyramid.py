@@ -13,10 +13,16 @@ from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.coarse import Coarse
 from defocus_core.renderer.compiled.jit import compiled
+from defocus_core.renderer.engine.limits import (
+    GROWTH,
+    LEAST_WEIGHT,
+    ONE_SURFACE,
+    ROUNDED,
+    SAME_AT_HALF,
+    WIDER,
+)
 
 F32 = np.float32
-# As in `inpainting/two_layer_pyramid.py`.
-_ALIKE, _GROWTH, _WIDER, _LEAST_WEIGHT = 1.013, 1.5, 1.99, 1e-30
 
 
 class Levels(NamedTuple):
@@ -35,7 +41,7 @@ def levels_for(coarse: Coarse, span: float) -> tuple[Levels, Levels]:
     `coarse`: of more levels than there may be.
     """
     most = 2
-    while coarse.length[most].max() > 1 and 1 << most < _WIDER * span:
+    while coarse.length[most].max() > 1 and 1 << most < WIDER * span:
         most += 1
     half, others = (
         _room(coarse, levels, count)
@@ -110,7 +116,7 @@ def _make_row(source, i, coarse, number, out, out_limits, at):
     source: values and limits of the level before, the index of its row `top` there, and its size.
     """
     values, limits, base, top, height, width = source
-    alike, count = F32(_ALIKE * _GROWTH ** max(number - 2, 0)), values.shape[2]
+    alike, count = F32(ONE_SURFACE * GROWTH ** max(number - 2, 0)), values.shape[2]
     a0, a1, down = _taps(coarse.odd[0], number)
     b0, b1, across = _taps(coarse.odd[1], number)
     y0, x0 = 2 * i - coarse.before[number, 0], -coarse.before[number, 1]
@@ -149,7 +155,7 @@ def _make_row(source, i, coarse, number, out, out_limits, at):
             if s == 0:
                 farthest = most
             for c in range(count):
-                out[at + j, s, c] = mean[c] / max(total, _LEAST_WEIGHT)
+                out[at + j, s, c] = mean[c] / max(total, LEAST_WEIGHT)
             out_limits[at + j, s, 0] = min(total, 1.0)
             out_limits[at + j, s, 1], out_limits[at + j, s, 2] = least, most
 
@@ -160,20 +166,16 @@ def _read_pixels(light, radius, limit, y, values, limits, at):
     for x in range(radius.shape[1]):
         coverage, r, brightest = light[0, y, 4 * x + 3], radius[y, x], F32(0)
         for c in range(3):
-            values[at + x, 0, c] = light[0, y, 4 * x + c] / max(coverage, F32(1e-30))
+            values[at + x, 0, c] = light[0, y, 4 * x + c] / max(coverage, F32(LEAST_WEIGHT))
             brightest = max(brightest, values[at + x, 0, c])
         values[at + x, 0, 3] = r
         weight = F32(1) if brightest <= limit else F32(0)
         if light.shape[0] > 1:
             weight *= F32(1) - light[1, y, 4 * x + 3]
-            weight = F32(0) if weight < F32(1.013e-3) else weight
+            weight = F32(0) if weight < F32(ROUNDED) else weight
         limits[at + x, 0, 0], limits[at + x, 1, 0] = weight, F32(0)
         limits[at + x, 0, 1] = r if weight > 0 else F32(np.inf)
         limits[at + x, 0, 2] = r if weight > 0 else F32(-np.inf)
-
-
-# Greatest difference in px between the radii of neighbours at half resolution on one surface.
-_SAME = 1.013
 
 
 @compiled
@@ -205,4 +207,4 @@ def _read_structured(half, y, values, limits, at):
 @compiled
 def _is_alike(limits, p, r):
     """Whether a coarse pixel holds one surface, of nearly constant radius."""
-    return limits[p, 1, 0] <= 0 and abs(limits[p, 0, 2] - r) < F32(_SAME)
+    return limits[p, 1, 0] <= 0 and abs(limits[p, 0, 2] - r) < F32(SAME_AT_HALF)

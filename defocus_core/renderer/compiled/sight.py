@@ -10,12 +10,9 @@ import numpy as np
 
 from defocus_core.renderer.compiled.jit import compiled, entry
 from defocus_core.renderer.compiled.spread import step_of
+from defocus_core.renderer.engine import limits
 
 F32 = np.float32
-# Px around the disc of a pixel that it may see; ratio of the sizes of discs that are told apart;
-# squares and crosses, in turn, whose sum is nearly a disc; its apothem as a share of the radius.
-_AROUND, _RATIO, _APOTHEM = 0.7, 1.1, 0.97
-_SQUARES = (True, False, False, True, False)
 
 
 @entry
@@ -31,7 +28,7 @@ def farthest_seen(light, radius, table):
     for y in range(height):
         for x in range(width):
             r = radius[y, x]
-            size = np.int32(np.rint((abs(r) + F32(_AROUND)) * F32(_APOTHEM)))
+            size = np.int32(np.rint((abs(r) + F32(limits.SEEN_AROUND)) * F32(limits.APOTHEM)))
             sizes[y, x] = max(size, 1)
             most = max(most, sizes[y, x])
             r += max(abs(r) * F32(0.06), F32(0.37))
@@ -41,8 +38,8 @@ def farthest_seen(light, radius, table):
     result, rows, both = seen.copy(), np.empty_like(seen), np.empty_like(seen)
     before, size, number = 0, 1, 0
     while True:
-        after = max(size + 1, int(np.rint(_RATIO * size)))
-        _dilate(seen, size - before, _SQUARES[number % len(_SQUARES)], rows, both)
+        after = max(size + 1, int(np.rint(limits.SEEN_RATIO * size)))
+        _dilate(seen, size - before, limits.SQUARES[number % len(limits.SQUARES)], rows, both)
         seen, both = both, seen
         for y in range(height):
             for x in range(width):
@@ -74,10 +71,6 @@ def _dilate(values, by, square, rows, out):
             out[y, x] = max(out[y, x], given[y, x + by])
 
 
-# As in `compositing/sight.py`: the least share.
-_MIN_FRACTION = 0.01
-
-
 @compiled
 def _area_below(areas, y, x):
     """The share of an opening above and left of a lens point, see `areas_below`."""
@@ -107,4 +100,4 @@ def keep_in_frame(radius, areas, trust):
             left, right = (x + 0.5) / r, (x + 0.5 - width) / r
             share = _area_below(areas, top, left) - _area_below(areas, top, right)
             share += _area_below(areas, bottom, right) - _area_below(areas, bottom, left)
-            trust[y, x] *= np.float32(max(abs(share), _MIN_FRACTION))
+            trust[y, x] *= np.float32(max(abs(share), limits.IN_FRAME))

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.openings import HALF, NEAR, STEPS
+from defocus_core.renderer.layers.slice_radii import ALONE
 from defocus_core.tensors.ties import off_round
 
-# Distance in px of the radii of layers near focus, and where wider ones begin.
-_DISTANCE, ALONE = 0.75, 2.0
+# Distance in px of the radii of layers near focus.
+_DISTANCE = 0.75
 # Radius in px at which the first octave of what is hidden begins.
 _OCTAVE = off_round(ALONE)
 # Greatest ratio of radii within a wider one: radii have one layer here, and no shares in two.

@@ -21,6 +21,7 @@ from torch import Tensor
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import shown_behind
 from defocus_core.renderer.compositing.sight import Openings, Sight
+from defocus_core.renderer.engine import limits
 from defocus_core.tensors.device_plan import sent
 
 # Coverage below which a hidden share is rounding.
@@ -51,11 +52,6 @@ def _fraction_hidden(
 
 # Gap between known surfaces that is not worth filling: dividing by the coverage makes up for it.
 _NEGLIGIBLE = 0.05
-# Share of the aperture that is too small to see anything through.
-_MIN_ROOM = 1e-4
-# Gap beside what a near surface covers, as a share of this, that is an error of what it hides.
-_ERROR = 0.2
-_LEAST_ERROR = 1e-12  # whose square is a number of float32, too
 
 
 class Aside(NamedTuple):
@@ -123,7 +119,7 @@ class TileCompositor:
             self.front = self.front.addcmul(rest, left * room)
         covered = self.front[:, -1:]
         gap = (self._full - covered).clamp(min=0) * (1 - self.sight.room)
-        larger = 1 + gap / covered.clamp(min=_MIN_ROOM)
+        larger = 1 + gap / covered.clamp(min=limits.MIN_ROOM)
         self.front = self.front * larger
         self._enlarge_invented(larger)
 
@@ -139,7 +135,7 @@ class TileCompositor:
         """
         front, full = self.front, sent(self._full, self.front)
         # where these cover all, nothing is seen behind: as if it were full
-        covered = torch.where(near > full - _MIN_ROOM, full, front[:, -1:] - near)
+        covered = torch.where(near > full - limits.MIN_ROOM, full, front[:, -1:] - near)
         aside = Aside(front, covered, self.invented)
         self.front = torch.cat([torch.zeros_like(front[:, :-1]), covered], 1)
         self.invented = None
@@ -153,10 +149,10 @@ class TileCompositor:
         """
         gap = (self._full - self.front[:, -1:]).clamp(min=0)
         near = aside.composited[:, -1:] - aside.covered
-        error = (_ERROR * near).clamp(min=_LEAST_ERROR)
+        error = (limits.GAP_ERROR * near).clamp(min=limits.LEAST_ERROR)
         added = gap * (2 - gap / error).clamp(0, 1)
-        room = (self._full - aside.covered).clamp(min=_MIN_ROOM)
-        larger = 1 + added / (room - gap).clamp(min=_MIN_ROOM)
+        room = (self._full - aside.covered).clamp(min=limits.MIN_ROOM)
+        larger = 1 + added / (room - gap).clamp(min=limits.MIN_ROOM)
         self.front = _changed(self.front, added, larger)
         self._enlarge_invented(larger)
 

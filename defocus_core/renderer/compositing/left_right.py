@@ -11,14 +11,10 @@ from torch import Tensor
 
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.compositing.saturating_sum import EQUAL, ColorRange, clamped
+from defocus_core.renderer.engine.limits import NEGLIGIBLE, OVERSHOOT
 from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.ties import tied, with_gradient
 from defocus_core.tensors.validation import Scalar
-
-# Negative light of this share of the brightest pixel is not worth a warning.
-_NEGLIGIBLE = 1e-3
-# Share of its range by which detail as fine as a pixel may overshoot in a half of the lens.
-_OVERSHOOT = 0.1
 
 
 def left_and_right(
@@ -60,7 +56,7 @@ def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> di
     if not halves.is_cpu:
         return {}
     darkest = halves.detach().amin(dim=(0, 1))
-    return {"pixels_clamped": int((darkest < minimum - _NEGLIGIBLE * brightest).sum())}
+    return {"pixels_clamped": int((darkest < minimum - NEGLIGIBLE * brightest).sum())}
 
 
 def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Scalar) -> Tensor:
@@ -87,7 +83,7 @@ def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Sc
 
     `centre`: [C, ..., h, w] within the range.
     """
-    more = _OVERSHOOT * (limits.greatest - limits.least)
+    more = OVERSHOOT * (limits.greatest - limits.least)
     more = torch.where(more < torch.inf, more, 0.0)
     least, greatest = limits.least - more, limits.greatest + more
     ratio = 1.0 if _is_half(fraction) else (1 - fraction) / fraction

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.engine import limits
 from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.ties import tied, with_gradient
@@ -90,11 +91,6 @@ def mean_of_parts(front: Tensor, weights: Sequence[Scalar] | None = None) -> Ten
     return total[:-1] / total[-1:]
 
 
-# Share of the least and the greatest value by which rounding may exceed them: bounding more would
-# change the energy of discs.
-_SLACK = 9e-5
-
-
 class ColorRange(NamedTuple):
     """Least and greatest value of each channel, [C, 1, 1]."""
 
@@ -115,7 +111,7 @@ class ColorRange(NamedTuple):
 
     def bounded(self, picture: Tensor) -> Tensor:
         """A picture [C, h, w] within the range."""
-        slack = [_SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
+        slack = [limits.SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
         return clamped(picture, self.least - slack[0], self.greatest + slack[1])
 
 

@@ -25,20 +25,12 @@ from torch.nn.functional import grid_sample, max_pool2d, pad
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
+from defocus_core.renderer.engine import limits
 from defocus_core.renderer.layers.samples import ascending
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero
-
-# Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
-_AROUND = 0.7
-# Ratio of the sizes of discs that are told apart, from those of whole px on.
-_RATIO = 1.1
-# Squares and crosses, in turn, whose sum is nearly a disc; True for squares.
-_SHAPES = (True, False, False, True, False)
-# Apothem of the octagon, as a share of the radius of the disc.
-_APOTHEM = 0.97
 
 
 class SightLimits(NamedTuple):
@@ -75,16 +67,16 @@ class SightLimits(NamedTuple):
 
 def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
     """The greatest of values [..., h, w] within a distance [..., h, w] px of each pixel."""
-    px = radius.add(_AROUND).mul_(_APOTHEM).round_().clamp_(min=1).to(torch.int32)
+    px = radius.add(limits.SEEN_AROUND).mul_(limits.APOTHEM).round_().clamp_(min=1).to(torch.int32)
     sizes, greatest_px = [1], int(px.amax())
     while sizes[-1] < greatest_px:
-        sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
+        sizes.append(max(sizes[-1] + 1, round(limits.SEEN_RATIO * sizes[-1])))
     nearest = [
         min(range(len(sizes)), key=lambda i: abs(sizes[i] - n)) for n in range(sizes[-1] + 1)
     ]
     greatest = values.new_empty(len(sizes), values.numel())
     for number, (size, before) in enumerate(zip(sizes, [0, *sizes], strict=False)):
-        square = _SHAPES[number % len(_SHAPES)]
+        square = limits.SQUARES[number % len(limits.SQUARES)]
         values = _dilated(values, size - before, square=square)
         greatest[number] = values.flatten()
     which = torch.tensor(nearest, device=px.device).index_select(0, px.flatten())
@@ -192,8 +184,6 @@ def _pooled(values: Tensor, height: int, width: int) -> Tensor:
 
 Sight = SightLimits | Openings
 
-# Least share: a disc much larger than the frame would divide by nearly 0.
-_MIN_FRACTION = 0.01
 # Coverage that a pixel's own surface has besides what a pupil sees with its light aside, as that of
 # a picture may be: at a border of the frame it sees nothing within, and a pixel there is what it
 # was. And with an opaque middle that may hide the frame: there errors of a small coverage are
@@ -238,7 +228,7 @@ def fraction_in_frame(
     below = grid_sample(areas, corners, align_corners=True).view(len(tables), len(index), 4)
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
     fraction = signed_radius.new_ones(len(tables), *signed_radius.shape)
-    fraction = fraction.flatten(1).index_copy(1, index, within.clamp(min=_MIN_FRACTION))
+    fraction = fraction.flatten(1).index_copy(1, index, within.clamp(min=limits.IN_FRAME))
     return fraction.view(len(tables), 1, *signed_radius.shape)
 
 

@@ -90,15 +90,11 @@ def frame_of(
         like = pixels.new_empty(0, dtype=dtype.to_complex())
         slicing = partial(_slicing, radii, grid, largest(regions(grid, margin)), division, like)
         of_hidden = octaves(radii)
-        # what is hidden is composited by octaves; slices blurred alike share a transform
-        spreads = zip(of_hidden, coarse.spreads, strict=True)
-        kinds = [(octave, spread.level, spread.coarse == 0) for octave, spread in spreads]
-        others = (kind != before for before, kind in pairwise(kinds))
         return grid, Slices(
             composite_order(radii, layer_indices),
             of_hidden,
             visible=slicing(fine, layer_indices, 1),
-            invented=slicing(coarse, list(accumulate(others, initial=0)), stride),
+            invented=slicing(coarse, _hidden_layers(of_hidden, coarse.spreads), stride),
         )
 
     return SharedFrame(
@@ -170,6 +166,13 @@ def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = No
         alpha=Alpha.NONE if layered is None else layered.alpha,
         open=layered is not None and layered.open,
     )
+
+
+def _hidden_layers(of_hidden: list[int], spreads: list[Spread]) -> list[int]:
+    """The layer of each hidden slice: those of an octave that are blurred alike share one."""
+    pairs = zip(of_hidden, spreads, strict=True)
+    kinds = [(octave, spread.level, spread.coarse == 0) for octave, spread in pairs]
+    return list(accumulate((kind != before for before, kind in pairwise(kinds)), initial=0))
 
 
 def _inwards(

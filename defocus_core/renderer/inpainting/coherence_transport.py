@@ -11,19 +11,16 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.engine.limits import (
+    LINE_STEPS,
+    NO_SLOPE,
+    SAME_AT_HALF,
+    TRANSPORTED,
+    UNCLEAR,
+)
 from defocus_core.renderer.inpainting.disocclusion import FARTHEST
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
 from defocus_core.tensors.device_plan import sent
-
-# Greatest difference in px between the radii of neighbours at half resolution on one surface.
-_SAME = 1.013
-# Distances in px from a hidden pixel, along its direction, at which a farther surface is sought.
-_STEPS = (2.1, 4.1, 7.1, 11.1, 16.1, 22.1)
-# Greatest difference in px between the radius of a transported colour and the continued radius.
-_ALIKE = 2.013
-# Slope per px, as a share of the colour, below which a pixel has no direction; and the coherence
-# below which the direction hardly counts.
-_FLAT, _UNCLEAR = 1e-3, 0.05
 
 
 def structure(half: PyramidLevel) -> PyramidLevel:
@@ -49,7 +46,7 @@ def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
     n = values.shape[dim] - 1
     if n < 1:
         return torch.zeros_like(values)
-    same = (r.diff(dim=dim).abs() < _SAME).to(values.dtype)
+    same = (r.diff(dim=dim).abs() < SAME_AT_HALF).to(values.dtype)
     total, count = (_sum_beside(each, dim) for each in (values.diff(dim=dim) * same, same))
     return total / count.clamp(min=1)
 
@@ -76,7 +73,7 @@ def transported(
     ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
     spot, away = _first_beyond(r, size, *ways, 0.5**level)
     expected = smooth[:, -1].detach().repeat(2)
-    near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _ALIKE)
+    near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < TRANSPORTED)
     limits = picture[:-1].flatten(1).index_select(1, spot).T
     n = len(at)
     first, second, to_first, to_second = limits[:n], limits[n:], away[:n], away[n:]
@@ -93,11 +90,11 @@ def transported(
 def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """The direction in which n pixels change least, [n, 2] as y and x, and how clear it is, [n]."""
     xx, xy, yy = tensor.unbind(1)
-    flat = _FLAT**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
+    flat = NO_SLOPE**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
     trace = xx + yy + flat
     cosine, sine = (xx - yy) / trace, 2 * xy / trace  # of twice the angle of the gradient
     square = cosine * cosine + sine * sine
-    coherence = ((square + _UNCLEAR**2).sqrt() - _UNCLEAR) / ((1 + _UNCLEAR**2) ** 0.5 - _UNCLEAR)
+    coherence = ((square + UNCLEAR**2).sqrt() - UNCLEAR) / ((1 + UNCLEAR**2) ** 0.5 - UNCLEAR)
     half = (cosine / torch.where(square > 0, square, 1.0).sqrt()).detach()
     y = ((1 + half) / 2).clamp(min=0).sqrt()
     x = ((1 - half) / 2).clamp(min=0).sqrt() * torch.where(sine > 0, -1.0, 1.0).to(sine)
@@ -119,11 +116,11 @@ def _first_beyond(
     H, W = size
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels
     half = torch.full_like(along, 0.5).copysign(along)
-    steps = sent(_STEPS, along)[:, None, None] * scale
+    steps = sent(LINE_STEPS, along)[:, None, None] * scale
     row, column = (at + (half + along * steps).long()).unbind(2)  # [steps, n] each
     every = row.clamp_(0, H - 1).mul_(W).add_(column.clamp_(0, W - 1))
     known = r.index_select(0, every.flatten()).view(every.shape) > border
     which = known.byte().argmax(0)
-    distance = sent(_STEPS, r).index_select(0, which)
+    distance = sent(LINE_STEPS, r).index_select(0, which)
     distance = torch.where(known.any(0), distance, torch.inf)
     return every.gather(0, which[None])[0], distance

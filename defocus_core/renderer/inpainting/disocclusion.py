@@ -29,18 +29,18 @@ STEP = 0.513
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
 DECAY = 0.70710678
 # Where between the radii of the surface that is continued and of the farthest one the ceiling is.
-_CEILING = 0.497
+CEILING = 0.497
 # Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
 _FINEST = -4
-_LEVELS = 13
-_BITS = 16
-_RADIUS = (1 << _BITS) - 1
-_NOWHERE = -2 << _LEVELS << _BITS
+LEVELS = 13
+BITS = 16
+RADIUS = (1 << BITS) - 1
+NOWHERE = -2 << LEVELS << BITS
 # Rounding to grains is shifted by this share of a grain: many radii from half-precision depth lie
 # in the middle between two grains.
-_BETWEEN = 0.013
+BETWEEN = 0.013
 # Radii of more px count as this one; no frame is as wide.
-_MAXIMUM = 4096.0
+MAXIMUM = 4096.0
 # Number of coarse pixels dilated at once on a CPU, and bytes that each takes elsewhere.
 _PIXELS, _BYTES_EACH = 1 << 20, 8
 
@@ -91,7 +91,7 @@ class Reach(NamedTuple):
             torch.where(comes_next, closest - spent, shown),
             torch.where(comes_next, closest, source),
             front,
-            torch.where(comes_next, torch.lerp(closest, source, _CEILING), torch.inf),
+            torch.where(comes_next, torch.lerp(closest, source, CEILING), torch.inf),
         )
 
     def _read(
@@ -112,13 +112,13 @@ class Reach(NamedTuple):
             edges = edges.narrow(d - 2, first, last + 1 - first)
         if not level:
             edges = spread_out(edges, (middle[0].odd, middle[1].odd))[..., cuts[0], cuts[1]]
-        return edges >> _BITS, (edges & _RADIUS) - (1 << _LEVELS)
+        return edges >> BITS, (edges & RADIUS) - (1 << LEVELS)
 
 
 def grain_of(minimum: float, maximum: float) -> float:
     """The grain in px for radii from `minimum` to `maximum` px."""
-    largest = min(max(-minimum, maximum, 1.0), _MAXIMUM)
-    return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
+    largest = min(max(-minimum, maximum, 1.0), MAXIMUM)
+    return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - LEVELS)
 
 
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
@@ -126,13 +126,13 @@ def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, A
 
     `r`: [H, W] px.
     """
-    grains = r.flatten()[farther].clamp(-_MAXIMUM, _MAXIMUM) / grain
-    radii = (grains + _BETWEEN).round().to(torch.int32)
+    grains = r.flatten()[farther].clamp(-MAXIMUM, MAXIMUM) / grain
+    radii = (grains + BETWEEN).round().to(torch.int32)
     row = farther.div(r.shape[-1], rounding_mode="floor")
     column = farther - row * r.shape[-1]
-    source = (radii << _BITS) + (radii + (1 << _LEVELS))
+    source = (radii << BITS) + (radii + (1 << LEVELS))
     down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
-    cone = source.new_full((down.length, across.length), _NOWHERE)
+    cone = source.new_full((down.length, across.length), NOWHERE)
     for coarse_row in _coarse_size(row, down):
         for coarse_column in _coarse_size(column, across):
             at = coarse_row * across.length + coarse_column
@@ -145,7 +145,7 @@ def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) 
 
     The edges are overwritten.
     """
-    closest = torch.where(edges == _NOWHERE, _NOWHERE, edges & _RADIUS)
+    closest = torch.where(edges == NOWHERE, NOWHERE, edges & RADIUS)
     return Reach(
         _dilated(edges, math.floor(DECAY / grain), span / grain),
         _dilated(closest, 1, span),
@@ -166,7 +166,7 @@ def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
     """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
     reached, stride, coarse = 0, 1, pieces(edges.device, _BYTES_EACH, _PIXELS)
     while 2 * reached * decay < span:
-        fall = (2 * decay * stride) << _BITS
+        fall = (2 * decay * stride) << BITS
         for dim in (-2, -1):
             n = edges.shape[dim] - stride
             if n < 1:

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.matting import MixedPixels, mixed_pixels, no_pixels
+from defocus_core.renderer.engine.limits import DIRECTIONS, ROUNDED, WIDER
 from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import (
     EDGE,
@@ -30,14 +31,6 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 from defocus_core.renderer.layers.layer import layers_of
 from defocus_core.tensors.neighbourhoods import exceeding, positions_of, range_of
 from defocus_core.tensors.pyramid import Axis, axes
-
-# Share of a pixel below which what is left of its far surface is rounding.
-_ROUNDED = 1.013e-3
-# Resolutions, a quarter and less, that decide the direction of lines together.
-_DIRECTIONS = 3
-# The last level has coarse pixels this many times as wide as the range of radii; no round number,
-# so that rounding decides nothing.
-_WIDER = 1.99
 
 
 class Backdrop(NamedTuple):
@@ -75,9 +68,9 @@ def backdrop_of(
     mixed = mixed_pixels(color, radius, limit, coverage) if unmixes else no_pixels(color)
     half = _half(color, radius, limit, fine, mixed)
     levels = [coarser(structure(half))]
-    while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
+    while max(levels[-1].size) > 1 and 1 << levels[-1].level < WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
-    groups = levels[:_DIRECTIONS], levels[_DIRECTIONS:]
+    groups = levels[:DIRECTIONS], levels[DIRECTIONS:]
     tables = [SurfaceTable.from_levels(group, fine) for group in groups if group]
     adjacent = SurfaceTable.from_levels([half], fine)
     edges = coarse_edges(radius.detach(), _beside_edges(radius.detach()), grain, fine)
@@ -104,7 +97,7 @@ def _half(
     for layer in nearer:
         weight = weight * (1 - layer.covered)
     if nearer:
-        weight = torch.where(weight < _ROUNDED, 0.0, weight)
+        weight = torch.where(weight < ROUNDED, 0.0, weight)
     return coarser(pixels_of([own.color, signed_radius[None]], signed_radius, middle, weight))
 
 

@@ -16,15 +16,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.engine import limits
 from defocus_core.renderer.inpainting.coherence_transport import transported
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.two_layer_pyramid import (
-    LEAST_WEIGHT,
-    HiddenQueries,
-    least_of,
-    nearby,
-)
+from defocus_core.renderer.inpainting.two_layer_pyramid import HiddenQueries, least_of, nearby
 from defocus_core.renderer.layers.layer import HiddenLayer
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
@@ -84,16 +80,6 @@ def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
     return fraction[0, 0].gt(0)
 
 
-# Where between the radii of the near and the far surface the border is that tells them apart. A
-# surface in front of an edge may rise towards it, like the top of a box seen from above: with a
-# border just above the near radius its far end would count as the hidden surface.
-_BETWEEN = 0.377
-# Distance from the edge, in px of reach, up to which lines are continued.
-_LINES = 20.1 * DECAY
-# Weight of a surface next to a hidden pixel, compared with the same surface in a wider surrounding.
-_NEXT = 4.0
-
-
 def hidden_layer(
     image: Tensor,  # [C, H, W] linear
     signed_radius: Tensor,  # [H, W] px
@@ -125,11 +111,11 @@ def hidden_layer(
     at = torch.stack([row + coarse.top, index - row * coarse.width + coarse.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
     pixels = grid.pixels(at) + sent(box[:2], at)
-    asked = HiddenQueries(pixels, front + (source - front) * _BETWEEN, ceiling)
+    asked = HiddenQueries(pixels, front + (source - front) * limits.BORDER, ceiling)
     values, tensor, weight = _from_frame(backdrop, asked)
     values, weight = _with_adjacent_surface(values, weight, backdrop, asked, level)
-    surface = values / weight.clamp(min=LEAST_WEIGHT)[:, None]
-    lines = torch.nonzero(source - shown <= _LINES)[:, 0]
+    surface = values / weight.clamp(min=limits.LEAST_WEIGHT)[:, None]
+    lines = torch.nonzero(source - shown <= limits.LINES * DECAY)[:, 0]
     if len(lines):
         if level:  # the whole frame
             half = backdrop.half
@@ -152,10 +138,6 @@ def hidden_layer(
     return HiddenLayer(color, radius, radius.detach() > near + STEP)
 
 
-# Weight from which on a pixel takes nothing from coarser levels.
-_ENOUGH = 0.5
-
-
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
@@ -169,7 +151,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
         values, weight = _filled(values, weight, more[:, :-3], fraction)
         tensor = tensor + more[:, -3:]
     for table in rest:
-        lacking = flat_nonzero(weight < _ENOUGH)
+        lacking = flat_nonzero(weight < limits.ENOUGH)
         if not len(lacking):
             break
         some = asked.select(lacking)
@@ -185,7 +167,7 @@ def _filled(
     values: Tensor, weight: Tensor, more: Tensor, fraction: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Values [n, C + 1] and weights [n], completed from a coarser level where weight is missing."""
-    missing = (1 - weight) * (weight < _ENOUGH)
+    missing = (1 - weight) * (weight < limits.ENOUGH)
     return torch.addcmul(values, more, missing[:, None]), torch.addcmul(weight, fraction, missing)
 
 
@@ -195,9 +177,9 @@ def _with_adjacent_surface(
     """Values and weights at half resolution, first those of the surface next to each pixel."""
     found, fractions = nearby(backdrop.adjacent, asked, 0.5 if level else 0.0)
     fraction = fractions[0]
-    maximum = (fraction * _NEXT).clamp(max=1)
+    maximum = (fraction * limits.NEXT).clamp(max=1)
     left = 1 - maximum
-    next_values = found[0] * (maximum / fraction.clamp(min=LEAST_WEIGHT))[:, None]
+    next_values = found[0] * (maximum / fraction.clamp(min=limits.LEAST_WEIGHT))[:, None]
     weight = torch.addcmul(maximum, weight, left)
     return torch.addcmul(next_values, values, left[:, None]), weight
 

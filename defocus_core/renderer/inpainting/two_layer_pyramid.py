@@ -20,15 +20,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag, pad
 
+from defocus_core.renderer.engine import limits
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.pyramid import Axis, AxisHalving, extended, halves, position_of
 from defocus_core.tensors.threads import recomputed
 
-# Range of radii in px that counts as one surface in a coarse pixel of two by two pixels; and the
-# factor by which the range grows at each further level.
-_ALIKE, _GROWTH = 1.013, 1.5
-# Least weight that counts: it guards 0 / 0.
-LEAST_WEIGHT = 1e-30
 # Copies of all that coarse pixels hold, while two surfaces are made of it.
 _COPIES = 4
 
@@ -79,7 +75,7 @@ def pixels_of(
 def coarser(level: PyramidLevel) -> PyramidLevel:
     """The next coarser level, at half the resolution."""
     axes = [halves(n, axis) for n, axis in zip(level.size, level.middle, strict=True)]
-    alike = _ALIKE * _GROWTH ** max(level.level - 1, 0)
+    alike = limits.ONE_SURFACE * limits.GROWTH ** max(level.level - 1, 0)
     missing, shares = list[int](), list[list[float]]()
     for axis, length in zip(axes, level.size, strict=True):
         before, share = _shares(axis, overlapping=level.level > 0)
@@ -126,7 +122,7 @@ def _two_farthest(held: Tensor, fraction: Tensor, alike: float) -> tuple[Tensor,
             remaining = remaining > chosen
         part = weight * chosen
         total = part.sum(0)
-        mean = (values * part).sum(1) / total.clamp(min=LEAST_WEIGHT)
+        mean = (values * part).sum(1) / total.clamp(min=limits.LEAST_WEIGHT)
         lowest = torch.where(chosen, minimum, torch.inf).amin(0)
         surfaces.append(torch.cat([mean, total.clamp(max=1)[None], lowest[None], top[None]]))
     return surfaces[0], surfaces[1]

@@ -189,7 +189,7 @@ def slice_before(positions: Tensor) -> Tensor:
 
 # A hidden octave comes before visible layers whose radius is this many times its greatest one.
 # Surfaces of like radii cover each other by chance; for them the order stays.
-_MORE = 1.263
+MORE = 1.263
 
 
 class CompositeOrder(NamedTuple):
@@ -222,7 +222,7 @@ def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> Compo
     ahead = []
     for octave in sorted({octave for octave in octaves(radii) if octave}):
         maximum = ALONE * 2.0 ** abs(octave)
-        later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
+        later = [layer_index for layer_index, r in minimum.items() if r >= MORE * maximum]
         if later:
             ahead.append((octave, min(later)))
     numbers = [*layer_indices, len(radii)]
