@@ -75,7 +75,7 @@ RARITY, COARSE, BESIDE = 1.2, 0.05, 0.25
 # Displacement in px that is expected before colours are known; rounds in which votes are counted.
 BEFORE, MAXIMIZATIONS = 3.0, 3
 # Pixels of silhouettes, at least, that are examined for the displacements of the picture.
-_EXAMINED = 1 << 10
+_EXAMINED = 1 << 12
 # A picture of hard edges is shifted if the median displacement is so many px, and if such a share
 # of the votes lie within a px of it.
 _BIASED, _AGREED = 0.75, 0.6
