@@ -74,8 +74,8 @@ _GRAINS = 1 << 8
 RARITY, COARSE, BESIDE = 1.2, 0.05, 0.25
 # Displacement in px that is expected before colours are known; rounds in which votes are counted.
 BEFORE, MAXIMIZATIONS = 3.0, 3
-# Pixels of silhouettes, at least, that are examined for the displacements of the picture.
-_EXAMINED = 1 << 12
+# Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
+_EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # A picture of hard edges is shifted if the median displacement is so many px, and if such a share
 # of the votes lie within a px of it.
 _BIASED, _AGREED = 0.75, 0.6
@@ -115,19 +115,26 @@ def measured_shifts(
 ) -> EdgeShifts | None:
     """The displacements of the edges of a picture; None where edges are not displaced.
 
-    Of many pixels a sample is examined.
+    Of many pixels a sample is examined. A hash of their surroundings chooses it, so that it does
+    not depend on their place in the frame.
 
     `soft`: slope in px of soft edges, the least step of an edge; None for hard edges, which are
     moved only if most have the same displacement.
     """
     step, radii, colors = least_step(signed_radius, soft), signed_radius.detach(), pixels.detach()
-    at = _edge_positions(radii, step, scale, threads)
-    if not len(at):
+    edges = _edge_positions(radii, step, scale, threads)
+    if not len(edges):
         return None
-    silhouette = _silhouette_at(at[:: max(1, len(at) // _EXAMINED)], radii)
-    # edges that ran within objects were soft; hard ones may only be biased
-    rims = soft is not None
-    evidence = edge_evidence(silhouette, radii, colors, threads, along=False, rims=rims)
+
+    def examined(chance: float) -> ShiftEvidence:
+        at = edges[_hashes(edges, radii, colors) < chance] if chance < 1 else edges
+        # edges that ran within objects were soft; hard ones may only be biased
+        rims, silhouette = soft is not None, _silhouette_at(at, radii)
+        return edge_evidence(silhouette, radii, colors, threads, along=False, rims=rims)
+
+    evidence = examined(min(_EXAMINED / len(edges), 1.0))
+    if 2 * len(evidence.costs) < min(_EXAMINED, len(edges)):  # most are alike
+        evidence = examined(1.0)
     shifts, agreed = shifts_of(evidence, step)
     is_shifted = soft is not None or (abs(shifts.median) >= _BIASED and agreed >= _AGREED)
     return shifts if is_shifted and bool(evidence.fraction.any()) else None
@@ -170,6 +177,17 @@ def _rarity(votes: Tensor) -> Tensor:
     fraction = (1 - 2 * BESIDE) * fraction + BESIDE * (limits[:-2] + limits[2:])
     rarity = -RARITY * (fraction + 0.01).log()
     return ((rarity - rarity.amin()) / COARSE).round() * COARSE
+
+
+def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
+    """Numbers [n] in [0, 1) that look random, of the radii and colours around pixels [n, 2]."""
+    beside = squares_around(at, (radii.shape[-2], radii.shape[-1])).flatten()
+    around = [values.flatten().index_select(0, beside) for values in (radii, *pixels)]
+    bits = torch.stack(around).float().view(torch.int32).view(len(around), len(at), 9).long()
+    factor = 2 * torch.arange(len(around) * bits.shape[2], device=at.device) + 1
+    mixed = (bits * _FACTORS[0] * factor.view(len(around), 1, -1)).sum((0, 2))
+    mixed = (mixed ^ (mixed >> 32)) * _FACTORS[1]
+    return ((mixed >> 40) & 0xFFFFFF).double() / (1 << 24)
 
 
 def with_shifted_edges(
