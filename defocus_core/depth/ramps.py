@@ -39,7 +39,7 @@ HARD_STEP, LEVEL = off_round(2.0), off_round(0.25)
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
 _FOOT_PX, FOOT_FRACTION = 10, off_round(0.3)
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
-# in px by which pixels are as low.
+# in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
 # Px from which a pixel whose path does not leave the ramp takes the ends of other paths.
 _BETWEEN_PATHS = 4
@@ -111,10 +111,13 @@ def _ends_of_ramps(
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.detach().flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
-    near = _least_beside(flat, ramp, _path_end(flat, around, index, longest))
-    far = _path_end(-flat, around, index, longest)
-    if edge_width is not None:  # else beyond a far end another surface may lie
-        far = _least_beside(-flat, ramp, far)
+    lowest = extreme_around(values, 1, torch.minimum).flatten()
+    near = _least_beside(flat, ramp, _path_end(flat, lowest, around, index, longest))
+    if edge_width is None:  # beyond a far end another surface may lie
+        far = _path_end(-flat, -flat, around, index, longest)
+    else:
+        highest = extreme_around(values, 1, torch.maximum).flatten()
+        far = _least_beside(-flat, ramp, _path_end(-flat, -highest, around, index, longest))
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     near, far = _ends_beside(flat, around, index, torch.where(found, torch.stack([near, far]), -1))
     found = (flat[near] <= flat[index]) & (flat[index] <= flat[far]) & (near != far)
@@ -163,19 +166,24 @@ def reduced(signed_radius: Tensor, by: int) -> Tensor:
     return signed_radius[first[0] :: by, first[1] :: by].detach()
 
 
-def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
+def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
     """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
 
-    A path ends at any other pixel.
+    Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
+    nothing. A path ends at any other pixel.
 
-    `values`: [H * W]; `around`: [n, 9] numbers of the pixels and of their neighbours; `index`: [n]
-    numbers of the pixels; `longest`: most px of a path.
+    `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
+    [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
+    `longest`: most px of a path.
     """
-    below = torch.arange(len(values), device=values.device)
-    below[index] = around.gather(1, values[around].argmin(1, keepdim=True))[:, 0]
+    beside = values[around]
+    steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
+    end = torch.arange(len(values), device=values.device)
     for _ in range(longest):
-        index = below[index]
-    return index
+        limits = end[around]
+        lowest = torch.where(steepest, lows[limits], torch.inf).argmin(1, keepdim=True)
+        end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
+    return end[index]
 
 
 def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) -> Tensor:
