@@ -8,6 +8,7 @@ output, 130 interrupted by Ctrl-C, 141 nobody reads what is printed any more, as
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -135,6 +136,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
     Due.json, Due.quiet, Due.keys = "--json" in args, False, {}
+    # NumPy multiplies only small matrices here, which threads that wait make slower
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     log_to_stderr()
     try:
         with terminations():

@@ -1,7 +1,7 @@
 """The renderer's door: pictures and signed radii in, defocused pictures out.
 
-The centre image is the same whether or not left and right are asked for, and is their
-mean, weighted by the areas of the halves.
+The centre image is the mean of left and right, weighted by the areas of the halves. It is the same
+whether or not these are asked for, unless photodiodes are not halves: torch then renders all three.
 """
 
 from __future__ import annotations
