@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from itertools import islice
 from typing import NamedTuple
 
 from defocus_core.depth.displacement import EdgeShifts
@@ -179,7 +180,8 @@ def _found(signed_radius: Tensor, threads: int) -> dict[str, list[float]]:
             together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
         else:
             together[name] = every.amax(0) if name == "softest" else every.sum(0)
-    return {name: each.tolist() for name, each in together.items()}
+    values = iter(torch.cat(list(together.values())).tolist())  # waits for a GPU once
+    return {name: list(islice(values, len(each))) for name, each in together.items()}
 
 
 def _with_wide_edges(
