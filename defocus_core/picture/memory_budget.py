@@ -192,8 +192,8 @@ def _size(mb: float) -> str:
 class Gate:
     """Admits pictures to the pipeline as long as they fit beside the rendered one.
 
-    One picture is always admitted; others once the memory of rendering is known, by the highest
-    ratio of bound to arrays so far.
+    One picture is always admitted; others once the memory of a rendering is known, by the highest
+    ratio so far of that memory to the arrays of its picture.
     """
 
     def __init__(self) -> None:

@@ -162,7 +162,7 @@ class Lenses(NamedTuple):
         cat_eye_size: Radii of the rim of the barrel, in radii of the pupil.
         cat_eye_shift: How far the rim is off the pupil in the corners, in these radii.
         crosstalk: Shares of the light that go to the other photodiode.
-        electrons: Of a light of 1, whose number is random; inf without noise.
+        electrons: Mean numbers of electrons of a light of 1; inf without noise.
         read_noise: Standard deviations of what reading adds, in electrons.
     """
 

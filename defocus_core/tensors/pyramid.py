@@ -54,7 +54,7 @@ def halves(length: int, axis: Axis) -> AxisHalving:
 
 
 def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: float) -> Tensor:
-    """Values [..., H, W] with the missing pixels filled by a value."""
+    """Values [..., H, W] padded by a value to whole coarse pixels."""
     missing = (across.before, across.after, down.before, down.after)
     return torch.nn.functional.pad(values, missing, value=value) if any(missing) else values
 

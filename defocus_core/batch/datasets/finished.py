@@ -105,7 +105,7 @@ def _stamp(file: BinaryIO) -> tuple[int, int, int]:
 
 @contextmanager
 def _told(root: Path, where: str) -> Iterator[None]:
-    """Tell the place of a line that is not a sample."""
+    """Name the line in errors of malformed samples."""
     try:
         yield
     except MALFORMED as error:

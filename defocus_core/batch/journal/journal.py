@@ -113,9 +113,9 @@ class JournalFile:
 class Ledger:
     """The records of the journals of OUT; the last record of a file counts.
 
-    A record names all files that its job writes; of records that name the same file the last one
-    counts. A record of pictures is superseded when later records have all of them but previews; a
-    record without outputs, as soon as another one names any of its files. The ledger keeps the
+    A record names all files that its job writes. A record of pictures is superseded when later
+    records name all of its files but previews; a record without outputs, as soon as another one
+    names any of its files. The ledger keeps the
     files and the offset of a record, some 300 bytes.
     """
 

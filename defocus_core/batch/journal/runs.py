@@ -150,7 +150,7 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
-    """Note a run with its `OpenRun.jobs`; a run on all of OUT adds those left by shards."""
+    """Note a run by its `OpenRun.jobs`, on all of OUT in place of the notes of shards."""
     path = run_path(out, shard)
     with written_whole(path) as file:
         file.write(encode(OpenRun(jobs)) + b"\n")

@@ -408,7 +408,7 @@ class _State:
                 yield chunk
 
     def done(self, number: int, end: End, append: Callable[[Record], None]) -> Record:
-        """Count an ended job, and append its record, unless its error ends a lone one."""
+        """Count an ended job, and append and return its record, unless a lone job failed."""
         record, summary = self.record(number, end), self.summary
         if isinstance(end, Failed) and self.execution.raises:
             summary.error = end.error

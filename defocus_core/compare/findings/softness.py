@@ -167,7 +167,7 @@ class _Frame:
 
     @property
     def is_sharper(self) -> bool:
-        """Whether the difference is like the detail of A, as that of noise is not."""
+        """Whether B - A correlates with the detail of A, as noise does not."""
         (a, b), used = self.sides, self.measures
         change, detail = (b - a)[used], (a - self.smooth[0][2])[used]
         both = np.square(change).sum() * np.square(detail).sum()

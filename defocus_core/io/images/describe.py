@@ -34,7 +34,7 @@ class FileInfo:
 
     @property
     def deep(self) -> bool:
-        """Whether a part of it has deep pixels."""
+        """Whether any part has deep pixels."""
         return any(part.deep for part in self.parts)
 
     @property
@@ -44,7 +44,7 @@ class FileInfo:
 
     @property
     def numbers(self) -> int:
-        """The numbers of all channels, the most that are read."""
+        """The count of numbers in all channels, the most that are read."""
         return self.pixels * len(self.names)
 
     @property

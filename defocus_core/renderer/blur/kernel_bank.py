@@ -46,7 +46,7 @@ _LENGTHS = _transform_lengths(1 << 20)
 
 
 def transform_length(n: int) -> int:
-    """The least fast transform length of at least n."""
+    """The least length of at least n px that transforms fast."""
     return _LENGTHS[bisect_left(_LENGTHS, n)]
 
 
@@ -204,7 +204,7 @@ class TransformWindow:
         return window
 
     def prepare(self) -> None:
-        """Draw learning kernels once, outside the part that a backward pass recomputes."""
+        """Draw kernels with gradients once, outside of what a backward pass recomputes."""
         for slice_index in self.slices if self.requires_grad and self.margin else ():
             self._kernels([slice_index], leaning=True)
 

@@ -275,7 +275,7 @@ def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
 
 
 def _clear(occluders: _Occluders, at: Tensor, radius: Tensor, corner: Tensor, side: int) -> Tensor:
-    """The share [n, side, side] of squares of discs that nearer surfaces leave.
+    """The share [n, side, side] of the squares of discs that nearer surfaces do not hide.
 
     `at`, `radius`: of the lights; `corner`: [n, 2] px from them to the first pixels.
     """

@@ -258,7 +258,7 @@ def _halved(size: tuple[int, int], level: int) -> tuple[int, int]:
 def _slice_radii(
     minimum: float, maximum: float, quality: Quality, settings: Settings
 ) -> tuple[float, ...]:
-    """Radii in px of slices over a range: as many as asked for, or by the slices of the quality."""
+    """Slice radii in px over a range: `settings.num_layers` of them, or those of the quality."""
     count, psf_ks = settings.num_layers, settings.psf_ks
     radii = (
         slice_radii(minimum, maximum, quality)

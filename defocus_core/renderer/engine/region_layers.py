@@ -1,6 +1,6 @@
 """The layers of a region: what a picture, or layers with coverage, show and hide there.
 
-A layer is colour, coverage and radii, nearest first; each kind of layer is seen otherwise.
+A layer has colour, coverage and radii. Visible layers come first, the nearest at the front.
 """
 
 from __future__ import annotations

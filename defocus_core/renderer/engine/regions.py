@@ -172,7 +172,7 @@ class Region:
         return views
 
     def _full(self, index: int) -> Tensor | float:
-        """The greatest coverage in a tile."""
+        """The limit of coverage in a tile."""
         tile, frame = self._tiles[index], self._frame
         if not isinstance(self._in_scene, Tensor) or not frame.content.edges:
             return 1.0

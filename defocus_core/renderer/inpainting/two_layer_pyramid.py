@@ -170,7 +170,7 @@ class SurfaceTable(NamedTuple):
 
     @classmethod
     def from_levels(cls, levels: Sequence[PyramidLevel], fine: tuple[Axis, Axis]) -> SurfaceTable:
-        """The table of levels of a frame; `fine`: where its middle is at full resolution."""
+        """The table of levels of a frame; `fine`: the middle of the frame at full resolution."""
         places = []
         for level in levels:  # a place among coarse pixels is affine in the row or column
             for axis, middle, length in zip(fine, level.middle, level.size, strict=True):

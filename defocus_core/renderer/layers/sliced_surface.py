@@ -350,7 +350,7 @@ class SlicedSurface:
 
 
 def _bounds(blocks: Tensor, box: Box) -> Box | None:
-    """The rectangle within a box of the blocks [k, rows, columns] that hold any of k slices."""
+    """The rectangle in a box around blocks [k, rows, columns] with any of k slices, or None."""
     rows, columns = (slice(max(s.first, 0) // BLOCK, -(-s.end // BLOCK)) for s in box.sides)
     held = blocks[:, rows, columns].any(0)
     down, across = held.any(1).tolist(), held.any(0).tolist()
