@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def _end(*_: object) -> NoReturn:
-    """End without a traceback: Ctrl-C while the modules of the command line are imported."""
+    """End without a traceback, on Ctrl-C while the modules of the command line are imported."""
     try:
         os.write(2, b"defocus: interrupted\n")
     finally:
@@ -39,7 +39,7 @@ def run() -> NoReturn:
 
 
 def _leave(codes: list[int]) -> None:
-    """End at once, as all is written and unloading PyTorch takes a third of a second."""
+    """End the process at once, as unloading PyTorch takes a third of a second."""
     with suppress(OSError, ValueError):  # nobody reads the output; Python would report it
         for stream in filter(None, (sys.stdout, sys.stderr)):
             stream.flush()

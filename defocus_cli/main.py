@@ -79,12 +79,12 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_help(self, ctx: click.Context) -> str:
-        """The help, which needs a stdout to go to."""
+        """The help text; an error if stdout is closed."""
         require_stdout()
         return super().get_help(ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands, a line each."""
+        """Write the commands, one line each."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 

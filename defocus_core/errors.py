@@ -182,7 +182,7 @@ class NotExplained(DefocusError):  # noqa: N818 - it is said of pictures
 
 
 def cannot_read(path: Path, error: OSError, remedy: str) -> InputError:
-    """The error for a file that the system does not read, or that is not there."""
+    """The error for a file that does not exist, or that the system does not let read."""
     code = "not-found" if isinstance(error, FileNotFoundError) else "unreadable"
     return InputError(code, f"cannot be read: {reason(error)}", remedy, path=path)
 
@@ -193,7 +193,7 @@ def one_line(text: object) -> str:
 
 
 def shortened(text: str) -> str:
-    """A path, or another word, with its middle left out if it is very long."""
+    """The word, such as a path, with its middle left out if it is very long."""
     half = _LONGEST_WORD // 2
     return text if len(text) <= _LONGEST_WORD else f"{text[:half]}…{text[1 - half :]}"
 
@@ -227,7 +227,7 @@ def lacks_memory(error: BaseException) -> bool:
 
 
 def reason(error: BaseException) -> str:
-    """The message of any exception, as one clause without a full stop."""
+    """The message of an exception of any type, as one clause without a full stop."""
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return one_line(message).rstrip(".")
 
@@ -241,7 +241,7 @@ def first_line(path: Path, text: str) -> str:
 
 
 def note_kind(note: str) -> str:
-    """A note without its file, numbers and units, in which notes of one kind differ."""
+    """The kind of a note: its text with N for the file, numbers and units."""
     return _FILE_OR_NUMBER.sub("N", note)
 
 
@@ -252,7 +252,7 @@ class NoteKinds:
         self._found: dict[str, tuple[str, int]] = {}
 
     def add(self, *notes: str) -> None:
-        """Count the notes of a picture, once each kind."""
+        """Count the notes of a picture, each kind once."""
         for kind, note in {note_kind(note): note for note in notes}.items():
             example, count = self._found.get(kind, (note, 0))
             # the first in order, so that equal notes make equal cards, whichever job ended first

@@ -105,7 +105,7 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _layout(part: Mapping[str, Any]) -> str:
-    """Views, windows and pixel aspect of a part of an EXR, as far as unusual."""
+    """Views, windows and pixel aspect of a part of an EXR, in words, where they are unusual."""
     words = []
     if part["views"]:
         words.append(f"view{'s' * (len(part['views']) > 1)} {', '.join(part['views'])}")

@@ -75,13 +75,13 @@ def command(machine: Machine, as_json: bool) -> int:
 
 
 def _line(check: Check) -> str:
-    """A check, as a row of the table."""
+    """The row of the table for a check."""
     value = "-" if check.value is None else f"{check.value:.2g}"
     verdict = "skipped: no GPU in use" if check.value is None else "ok" if check.ok else "FAILED"
     return _LINE.format(check.law, check.measured, value, f"{check.bound:.2g}", check.unit, verdict)
 
 
 def _record(check: Check) -> dict[str, Any]:
-    """A check, for JSON; a value that is not finite or was not measured is null."""
+    """The record of a check for JSON, where a value not finite or not measured is null."""
     value = check.value if math.isfinite(check.value or 0.0) else None
     return asdict(check) | {"value": value, "ok": check.ok, "skipped": check.value is None}

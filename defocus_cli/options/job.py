@@ -51,7 +51,7 @@ from defocus_core.system.process import cores
 
 
 def param_option(param: Param, text: str = "") -> Decorator:
-    """The option of a row, a text or a path; `text`: help, if not that of the row."""
+    """The option of a row, a text or a path; `text` replaces the help text of the row."""
     settings: dict[str, Any] = {"heading": param.heading, "is_common": param.is_common}
     spelling = f"--{param.name} {param.metavar}"
     if param.toggle:
@@ -66,7 +66,7 @@ def param_option(param: Param, text: str = "") -> Decorator:
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
-    """The given options of rows, from the values of parameters."""
+    """The options of `rows` that were given, out of the values of all parameters."""
     given = {name: values.get(name.replace("-", "_")) for name in rows}
     return layer_of(given, rows, CALLER.with_field)
 
@@ -184,7 +184,7 @@ def shot_lens_options(
 
 
 def others_options(command: Command) -> Command:
-    """Pass ``others`` to a command: colour and depth of what belongs to a picture, by role."""
+    """Pass ``others`` to a command: the hidden, over, holdout and matte files of a picture."""
     rows = [INPUT_OPTIONS[name] for name in ("hidden", "over", "over-depth", "holdout", "matte")]
     return bundle("others", _others, list(map(param_option, rows)))(command)
 

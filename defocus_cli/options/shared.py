@@ -136,7 +136,7 @@ class GroupedCommand(click.Command):
             ctx.exit()
 
     def get_help(self, ctx: click.Context) -> str:
-        """The help, which needs a stdout to go to."""
+        """The help text; an error if stdout is closed."""
         require_stdout()
         return super().get_help(ctx)
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def job_record(job: Job) -> dict[str, Any]:
-    """Inputs, lens and outputs of a job, for JSON."""
+    """The record of a job for JSON: inputs, lens and outputs."""
     return {
         "stem": job.sample_id,
         **{role: str(path) for role, path in _own_files(job).items()},
@@ -43,7 +43,7 @@ def _own_files(job: Job) -> dict[str, Path]:
 
 
 def job_line(job: Job) -> str:
-    """Inputs, lens and outputs of a job, in words."""
+    """The line of a job: inputs, lens and outputs, in words."""
     inputs = ", ".join(dict.fromkeys(map(str, _own_files(job).values())))
     others = 0 if job.shot is None else len(job.shot.pictures.keys() - {job.picture.frame})
     inputs += f" and {counted(others, 'other frame')} of the shot" if others else ""
@@ -150,7 +150,7 @@ def carry_out(
 
 
 def report_plan(plan: Plan, processes: int, *, each: bool, as_json: bool) -> None:
-    """Report the jobs to do, ``each`` in a line, and on stderr those that would fail."""
+    """Report the jobs to do, with ``each`` one line for each; on stderr, those that would fail."""
     from defocus_core.picture.forecast import forecasts
 
     todo = [*plan.jobs_of(plan.due)]
@@ -275,7 +275,7 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
 
 
 def summary_lines(summary: Summary) -> Iterator[str]:
-    """Counts, reasons and speed of an ended batch, in words; then its commonest warnings."""
+    """The lines on an ended batch: counts, reasons, speed, then the commonest warnings."""
     ends = {word: summary.statuses[status] for status, word in _WORDS.items()}
     ends |= {"done before": summary.skipped, "left": summary.left}
     parts = ", ".join(f"{count} {word}" for word, count in ends.items() if count)
@@ -299,7 +299,7 @@ def summary_lines(summary: Summary) -> Iterator[str]:
 
 
 def reasons_lines(plan: Plan) -> Iterator[str]:
-    """Reasons to do jobs again, or why changed ones are kept."""
+    """The lines on the reasons why jobs are done again, and why changed jobs are kept."""
     for what, reasons in (("done again", plan.again), ("stay as they are", plan.kept)):
         if reasons:
             counts = ", ".join(f"{why} ({count})" for why, count in reasons.most_common())
@@ -356,7 +356,7 @@ def progress_lines(out: Path, state: Progress) -> Iterator[str]:
 
 
 def end(summary: Summary) -> None:
-    """End a command by the outcome of its batch."""
+    """End a command: raise the error that the outcome of its batch asks for, if any."""
     if summary.error is not None:
         raise summary.error
     if summary.interrupted and summary.left:

@@ -48,7 +48,7 @@ def write_stderr(line: str) -> None:
     """Write a whole line on stderr; Python's own stream ignores what a full disk cuts off.
 
     Raises:
-        OSError: not all of it was written.
+        OSError: the line was not wholly written.
     """
     try:
         number = sys.stderr.fileno()
@@ -165,14 +165,14 @@ class Failures:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """Keep an error of the block, and end the block."""
+        """A context that keeps the error of its block instead of raising the error."""
         try:
             yield
         except DefocusError as error:
             self.add(error)
 
     def add(self, error: DefocusError) -> None:
-        """Keep an error, and print the one before."""
+        """Keep an error, and print the error that was kept before."""
         if self._errors:
             stderr(f"defocus: {self._errors[-1]}")
         self._errors.append(error)

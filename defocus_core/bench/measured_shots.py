@@ -100,7 +100,7 @@ def measure_shot(
 
 
 def _render(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> Tensor:
-    """A shot by a method."""
+    """The picture of a shot, rendered by a method."""
     from defocus_core.evaluation.baselines import plain_sum
     from defocus_core.optics.aperture import Aperture
     from defocus_core.renderer.engine.renderer import Renderer
@@ -119,7 +119,7 @@ def _render(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> T
 
 
 def _unit_seconds(image: Tensor) -> float:
-    """The unit for a picture: the median of several transforms there and back."""
+    """The unit of cost in seconds: the median of several transforms of the image there and back."""
     import torch
 
     frame = torch.rand((4, *image.shape[-2:]), generator=torch.Generator().manual_seed(0))
@@ -145,7 +145,7 @@ def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
 
 
 def means(rows: Sequence[Row]) -> list[Row]:
-    """For each method the means over all shots, each PSNR capped at 50 dB."""
+    """One row for each method: the means over all shots, each PSNR capped at 50 dB."""
     averages = []
     for method in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == method]

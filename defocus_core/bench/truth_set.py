@@ -40,16 +40,16 @@ class TruthShot:
 
 
 class Pictures(NamedTuple):
-    """A shot decoded."""
+    """The decoded pictures of a shot."""
 
     sharp: Tensor  # [3, H, W], linear
     truth: Tensor  # [3, H, W], linear
     signed_radius: Tensor  # [H, W] px
-    infinity: float  # the radius there
+    infinity: float  # signed radius in px at infinity
 
 
 def sample_set() -> Path:
-    """The scenes of the repository this runs from."""
+    """The folder of the scenes in the repository from which this module runs."""
     scenes = Path("sample_scenes").absolute()
     if any(scenes.glob("*/camera.json")):
         return scenes

@@ -100,7 +100,7 @@ def compare_pictures(
 
 
 def _of_channels(picture: DecodedPicture, rules: Rules) -> DecodedPicture:
-    """A picture with the channels to compare."""
+    """The picture, restricted to the channels to compare."""
     names = [name for name in picture.planes if rules.compares(name)]
     if not names:
         problem = f"has only {', '.join(picture.planes)}, of which none is compared"
@@ -284,9 +284,9 @@ def compare_images(
 
 
 def compare_with_goldens(picture: Any, golden: Path, rules: Rules) -> list[Comparison]:
-    """The records, as of `compare_images`, of a picture with each accepted golden.
+    """The records, like those of `compare_images`, of a picture and each of its goldens.
 
-    These are the golden itself, if it exists, and alternatives: NAME.1.exr, NAME.2.exr, …
+    Goldens are `golden`, if it exists, and its accepted alternatives NAME.1.exr, NAME.2.exr, …
     """
     new, kind = _picture(picture, golden.stem), f"{getattr(picture, 'dtype', '')}".split(".")[-1]
     records = []

@@ -28,7 +28,7 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 class Metric:
     """A metric of a pair."""
 
-    name: str  # in ``--fail``
+    name: str  # as in ``--fail``
     help: str
     unit: str = ""
     better: str = "low"  # or ``high``
@@ -68,7 +68,7 @@ _BLOCK, _DETAIL = 32, 0.01  # px on a side of blocks; least standard deviation o
 
 
 def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
-    """Linear light on a scale without bounds: sRGB up to 1, with the same slope logarithmic beyond.
+    """Linear light on an unbounded scale: sRGB up to 1, logarithmic with the same slope beyond.
 
     A negative value is the mirror image of a positive one.
     """
@@ -95,7 +95,7 @@ def _shown(pixels: Pixels, side: str, name: str, *cut: slice) -> NDArray[np.floa
 def measure(
     pixels: Pixels, *, over: float, asked: Collection[str] | None = None
 ) -> dict[str, float]:
-    """The metrics of a pair by name, without FLIP and those that it lacks.
+    """The metrics of a pair by name, except FLIP and metrics that the pair lacks.
 
     Args:
         pixels: the pair.
@@ -132,8 +132,8 @@ def measure(
 def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
     """The difference of blocks of luma that a codec cannot cause, 0 if a codec can cause all.
 
-    Codecs keep means, and change all detail: the result is the difference of means, if they are
-    most of the difference, or the RMS of the worst block, if most blocks are equal.
+    Codecs keep means and change all detail. The result is the RMS difference of means if that is a
+    large part of the difference; else the RMS of the worst block if most blocks are equal.
     """
     height, width = (length // _BLOCK for length in pixels.shape)
     cut = tuple(slice(number * _BLOCK) for number in (height, width))
@@ -153,7 +153,7 @@ def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
 
 
 def _similarity(pixels: Pixels) -> dict[str, float]:
-    """SSIM over the windows with compared middles, of the worst layer; empty without one."""
+    """SSIM of the worst layer, over windows whose middle is compared; empty without a layer."""
     values, inner = [], slice(REACH, -REACH)
     for layer in pixels.color if min(pixels.shape) > 2 * REACH else ():
         total, count = 0.0, 0
@@ -167,7 +167,7 @@ def _similarity(pixels: Pixels) -> dict[str, float]:
 
 
 def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
-    """The hdr metrics and, if ``shown``, PSNR, which has the same values, clipped to 1."""
+    """The hdr metrics and, if ``shown``, the PSNR of the same values clipped to 0…1."""
     colors = {name for layer in pixels.color for name in layer}
     differences = pixels.differences
     greatest, squares, of_screen = differences.greatest, differences.squares, differences.squares

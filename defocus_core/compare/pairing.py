@@ -87,7 +87,7 @@ def _main_of(path: Path) -> Path | None:
 
 
 def _renamed(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[tuple[Any, Any]]:
-    """Pairs of keys of A and of B that alone have the same value."""
+    """Pairs of a key of A and a key of B with one value that no other key has."""
     counts = [Counter(side.values()) for side in (a, b)]
     of_a = {value: key for key, value in a.items()}
     for key, value in sorted(b.items()):
@@ -96,7 +96,7 @@ def _renamed(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[tuple[Any, 
 
 
 def _pictures(folder: Path) -> dict[str, Path]:
-    """Relative path to path of each picture below a folder, links followed."""
+    """The path of each picture below a folder, by its relative path; links are followed."""
     files = (path for _, path in matching(folder, "**"))
     return {
         path.relative_to(folder).as_posix(): path
@@ -106,9 +106,9 @@ def _pictures(folder: Path) -> dict[str, Path]:
 
 
 def partners(path: Path) -> Iterator[tuple[str, Path]]:
-    """Files that B may be by mistake, with the finding of that.
+    """Files that B may be by mistake, each after the name of the finding.
 
-    These are the other view, other pictures of a sample, and the frames before and after.
+    The files are the other view, other pictures of a sample, and the frames before and after.
     """
     folder, above = path.parent, path.parent.parent
     views = [path.with_stem(other_view(path.stem)), above / other_view(folder.name) / path.name]
@@ -125,7 +125,7 @@ def partners(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 def other_view(name: str) -> str:
-    """A name with its last view exchanged; unchanged if it has none."""
+    """A name with its last left or right replaced by the other one; unchanged without any."""
     *_, match = [None, *_VIEW.finditer(name)]
     if match is None:
         return name
@@ -136,11 +136,11 @@ def other_view(name: str) -> str:
 class RecipeChange:
     """A difference between recipes of samples in both batches."""
 
-    # A setting like lens.fnum, ``renderer``, ``version``, ``back``, or ``input color`` of another
-    # role, whose bytes differ
+    # A setting like lens.fnum, ``renderer``, ``version`` or ``back``; or, like ``input color``, the
+    # role of an input whose bytes differ
     what: str
-    a: str  # what it is in A
-    b: str  # what it is in B
+    a: str  # its value in A
+    b: str  # its value in B
     samples: int  # number of samples with this difference
     shared: int  # number of samples that both have
 
@@ -182,7 +182,7 @@ class Recipe:
 
     @property
     def made_by(self) -> str:
-        """Everything that decides its pictures, except names."""
+        """A text of all that decides the pictures of the sample, except names."""
         return json.dumps([self.inputs, {**self.settings, "stem": ""}], sort_keys=True)
 
     @property
@@ -223,7 +223,7 @@ def _read_recipe(folder: Path, name: str) -> Recipe:
 
 
 def samples_of(b: Path, pairs: Sequence[FilePair]) -> dict[str, Recipe]:
-    """The samples of a folder B that wrote one of the files of B."""
+    """The recipes, by name, of the samples of a folder B that wrote a file of the pairs."""
     samples = read_recipes(b)
     names = {pair.b.relative_to(b).as_posix() for pair in pairs if pair.b is not None}
     return {name: s for name, s in samples.items() if not names.isdisjoint(s.files.values())}
@@ -272,7 +272,7 @@ def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
 
 
 def chosen_pairs(pairs: list[FilePair], only: Sequence[str]) -> list[FilePair]:
-    """The pairs whose names match one of the patterns, if there are any."""
+    """The pairs whose names match one of the patterns; all pairs without patterns."""
     for pattern in only:
         if not any(matches(pair.name, pattern) for pair in pairs):
             names = [pair.name for pair in pairs]

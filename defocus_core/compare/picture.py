@@ -117,7 +117,7 @@ def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:
 
 
 def planes_of(image: Any) -> dict[str, Any]:
-    """Channels [H, W], half or float, of an array or a tensor; of sRGB in integers, linear."""
+    """Channels [H, W], half or float, of an array or a tensor; integers (sRGB) become linear."""
     if hasattr(image, "detach"):  # a tensor, whose channels come first
         values = np.asarray(image.detach().cpu().numpy())
         values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values

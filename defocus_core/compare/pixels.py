@@ -159,7 +159,7 @@ class Pixels:
         return (self.a if side == "a" else self.b)[self.names.index(name)]
 
     def visible(self) -> tuple[Pixels, int]:
-        """The pair with the colours of A in B where both have alpha 0, and the changed pixels."""
+        """The pair, B with the colours of A where both have alpha 0; and how many pixels change."""
         planes, unseen = dict(zip(self.names, self.b, strict=True)), np.zeros(self.shape, bool)
         for layer in self.color:
             alpha = f"{layer[0][:-1]}A"
@@ -175,9 +175,9 @@ class Pixels:
         return replace(self, b=tuple(planes.values())), int(np.count_nonzero(unseen))
 
     def beyond_a_step(self, types: Mapping[str, Collection[str]]) -> Pixels:
-        """The pair with the values of A in B where both differ by a step of their number type.
+        """The pair, B with the values of A where they differ by at most a step of their type.
 
-        `types`: those of each channel in the files. Another processor rounds to another step.
+        `types`: number types of each channel in the files. Processors may round to other steps.
         """
         planes = []
         for name, a, b in zip(self.names, self.a, self.b, strict=True):
@@ -211,7 +211,7 @@ class Nonfinite:
     apart: Any = field(default=None, compare=False)
 
     def notes(self) -> list[str]:
-        """Notes on pixels that are not finite on both sides."""
+        """Notes on the pixels that are not finite in both A and B."""
         both = {k: min(self.counts[side][k] for side in "ab") for k in _KINDS}
         return [f"{_KINDS[k]} in {counted(n, 'pixel')} of both" for k, n in both.items() if n]
 

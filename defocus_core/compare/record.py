@@ -52,7 +52,7 @@ class Comparison:
     b: Path | None
     status: str = SAME  # one of `STATUSES`
     size: tuple[int, int] | None = None  # width and height of A
-    encoding: str = ""  # of the values: ``linear``, ``sRGB`` or ``power`` for a power law
+    encoding: str = ""  # encoding of values: ``linear``, ``sRGB``, or ``power`` for a power law
     findings: tuple[Finding, ...] = ()  # structure first
     metrics: Mapping[str, float] = field(default_factory=dict)  # by name
     channels: Mapping[str, float] = field(default_factory=dict)  # greatest difference of each
@@ -65,7 +65,7 @@ class Comparison:
     unmeasured: tuple[str, ...] = ()  # rules to fail whose metric it does not have
     notes: tuple[str, ...] = ()  # differences that change no pixel
     metadata: tuple[str, ...] = ()  # attributes that differ
-    proposal: str = ""  # a rule that would let it pass; empty if no rule would
+    proposal: str = ""  # a rule by which the pair would pass; empty if no rule is proposed
     error: str = ""  # why a file could not be read
     images: tuple[Path, ...] = ()  # difference images that were written
 

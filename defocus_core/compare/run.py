@@ -102,10 +102,10 @@ class Task:
 
 
 def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterator[Comparison]:
-    """Yield the records of all pairs in order, each as soon as it is there.
+    """Yield the records of all pairs in order, each as soon as it is known.
 
-    Causes are sought at once for the first pairs, later only for the first failing ones, so that
-    the same pairs have causes with any number of processes.
+    Causes are sought for the first pairs, and for as many of the first failing pairs, so that the
+    same pairs have causes with any number of processes.
     """
     most = CAUSES[task.causes]
     pieces = [(pair, number < most) for number, pair in enumerate(pairs)]

@@ -61,7 +61,7 @@ def region(text: str) -> CropRegion:
 
 
 def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDArray[np.bool_]:
-    """Where a mask is not 0 in any channel, [H, W].
+    """Pixels [H, W] at which any channel of a mask is not 0.
 
     `size`: (height, width) of the picture.
     """
@@ -142,7 +142,7 @@ def beside_jumps(values: NDArray[Any], least: float = _EDGE) -> NDArray[np.bool_
 
 
 def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Pixels with a true one within ``reach`` rows and columns."""
+    """Pixels [H, W] with a true pixel of the mask within ``reach`` rows and columns."""
     for axis in (0, 1):
         pad = [(reach + 1, reach) if axis == other else (0, 0) for other in (0, 1)]
         counts = np.pad(mask.astype(np.int32), pad).cumsum(axis=axis)

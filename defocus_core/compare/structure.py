@@ -37,8 +37,8 @@ def compare_structure(
 ) -> tuple[Comparison, list[str], bool]:
     """The record with the structure of both files, and the channels that are compared.
 
-    These are common channels of the size of the picture. The last value is whether the structure
-    alone makes B different.
+    The channels are those of both files with the size of the picture. The last value is whether
+    the structure alone makes B different.
     """
     both = [name for name in a.planes if name in b.planes]
     resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
@@ -85,7 +85,7 @@ def _of_channels(
 def _compare_primaries(
     a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]
 ) -> Iterator[Finding]:
-    """Whether two pictures declare different primaries, so that equal numbers are other colours."""
+    """The finding of different declared primaries, by which equal numbers are other colours."""
     counts = _heeded({"chromaticities": ""}, ignored)
     if counts and any(color_layers([*a.planes])) and not same_primaries(a.primaries, b.primaries):
         old, new = (primaries_name(each.primaries) for each in (a, b))
@@ -170,7 +170,7 @@ def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
 
 
 def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
-    """The relation to A of a picture of another size, if found: a crop, or a turn by 90°."""
+    """The finding of how a B of another size relates to A, if known: a crop, or a turn by 90°."""
     sides = []
     for side in (a, b):
         size = (side.height, side.width)
@@ -195,7 +195,7 @@ def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
 
 
 def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """Where a smaller picture may lie in a larger one: where 81 pixels of it match."""
+    """The places where a smaller picture may lie in a larger one, as 81 of its pixels match."""
     (height, width), (high, wide) = large.shape[1:], small.shape[1:]
     same = np.ones((height - high + 1, width - wide + 1), bool)
     rows, columns = (np.linspace(0, side - 1, 9).astype(int) for side in (high, wide))

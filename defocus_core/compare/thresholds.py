@@ -135,7 +135,7 @@ PRESETS = {
 
 
 def rules_like(like: str | None, bounds: Mapping[str, float]) -> Rules:
-    """The rules of a golden in Python: those of a preset, and bounds of metrics besides.
+    """The rules of ``golden.check``: those of a preset, and the given bounds of metrics.
 
     Raises:
         ValueError: there is no such preset, or a bound is not a number.
@@ -162,7 +162,7 @@ class Thresholds:
     """The rules for all pictures, and for pictures whose names match a pattern."""
 
     general: Rules = Rules()  # the rules for all
-    # patterns with changes of the general rules; the last match wins
+    # patterns of names, with changes to the general rules; the last match wins
     overrides: Sequence[tuple[str, Mapping[str, Any]]] = ()
     # changes by the command line, which win over all
     flags: Mapping[str, Any] = field(default_factory=dict)
@@ -192,7 +192,7 @@ def matches(name: str, pattern: str) -> bool:
 
 
 def read_thresholds(
-    file: Path | None,  # like compare.toml, or None
+    file: Path | None,  # a file like compare.toml, or None
     fail: Sequence[Rule] = (),
     warn: Sequence[Rule] = (),
     over: float | None = None,

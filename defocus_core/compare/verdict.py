@@ -82,7 +82,7 @@ def is_suspect(rules: Rules, metrics: Mapping[str, float], found: Collection[str
 
 
 def of_small_values(rules: Rules, pixels: Pixels) -> Rules:
-    """Rules with a bound for rounding that follows the scale of A, if all its values are small."""
+    """The rules, with the bound for rounding scaled to the values of A if all are small."""
     if ROUNDING not in rules.fail:
         return rules
     finite = (np.abs(plane[np.isfinite(plane)]) for plane in pixels.a)
@@ -96,9 +96,9 @@ def of_small_values(rules: Rules, pixels: Pixels) -> Rules:
 
 
 def proposal(rules: Rules, metrics: Mapping[str, float]) -> str:
-    """The tightest rule of two digits that lets a pair pass; empty if a black B passed, too.
+    """The tightest rule of two digits that lets a pair pass; empty if a black B would pass.
 
-    It is empty, too, if rules are given.
+    The result is empty, too, if rules are given.
     """
     greatest, relative = metrics.get("max"), metrics.get("rel-rmse")
     given = any(each != ROUNDING for each in rules.fail)

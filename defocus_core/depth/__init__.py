@@ -1,6 +1,6 @@
 """Depth maps converted to planar depth, resized to their pictures, repaired before rendering.
 
-Repaired are noise, and anti-aliased, soft, ramped and quantised depth.
+The repair removes noise, and mends anti-aliased, soft, ramped and quantised depth.
 
 step: the difference of radii of two neighbours. hard edge: one step between two level surfaces.
 ramp: several steps of one direction. soft edge: a ramp several px wide and long.

@@ -43,7 +43,7 @@ FEWEST, EACH, _WIDER = 64, 2, 0.25
 
 
 def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Counts [3] of averages on narrow edges along rows and columns, of wide edges, of hard steps.
+    """Counts [3], along both axes: averages on narrow edges, pixels on wide edges, hard steps.
 
     `band`: [h, W] px, the counted rows and the three rows of the frame above and below.
     """
@@ -54,7 +54,7 @@ def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
 
 
 def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tensor:
-    """The radii [m, width] of lines of pixels, along both axes, whose ends differ enough."""
+    """The radii [m, width] of runs of pixels along both axes, whose ends differ by an edge."""
     every, before = [band.new_zeros((0, width))], (width - 1) // 2
     for dim in (-2, -1):
         if band.shape[dim] >= width:
@@ -74,7 +74,7 @@ def are_averaged(counts: list[float]) -> bool:
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
-    """Where the middle ones of 7 values [m, 7] are on a narrow edge, and on a wide one: [m] bool.
+    """Whether the middle of 7 values [m, 7] is on a narrow edge, and whether on a wide one: [m].
 
     On an edge the values go up only or down only, and level off at an end.
     """
@@ -105,7 +105,7 @@ _AROUND = 3
 
 
 class _BandEvidence(NamedTuple):
-    """The share of a band of rows in the evidence for the repair that a frame needs."""
+    """Evidence in a band of rows for the repair that a frame needs."""
 
     scatter: Tensor
     limits: Tensor  # [2] least and greatest radius in px
@@ -123,8 +123,8 @@ class DepthRepair(NamedTuple):
         antialiased: Whether edges are averages of both surfaces.
         soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
             or averages; None where most are hard.
-        wide_edges: The same for the picture reduced to a common size, at which a network drew its
-            edges; None where most of them are hard.
+        wide_edges: The same slope in the picture reduced to a common size, the size at which a
+            network drew its edges; None where most of these are hard.
         ramps: Whether steep ramps between surfaces become steps.
         edge_shifts: The displacements of edges from those of the colours, which are undone; None
             if edges stay where they are.
@@ -155,7 +155,7 @@ class DepthRepair(NamedTuple):
 def diagnosed(
     signed_radius: Tensor, infinity: float | None, threads: int, noise: float | None = None
 ) -> DepthRepair:
-    """The repair that radii need; for noisy radii only the noise, which hides everything else.
+    """The repair that radii need; for noisy radii, the noise alone, which hides other faults.
 
     `signed_radius`: [H, W] px; `infinity`: signed radius in px at infinity; None if
     that is not known; `noise`: standard deviation in px of the noise that was smoothed; None to
@@ -190,7 +190,7 @@ def _with_wide_edges(
     found: dict[str, list[float]],
     infinity: float | None,
 ) -> DepthRepair:
-    """The repair of radii [H, W] px with that of edges that are soft in the reduced picture."""
+    """The repair of radii [H, W] px, with that of edges that are soft in the reduced picture."""
     by, (minimum, maximum) = reduction(signed_radius.shape), found["limits"]
     if by == 1 or not math.isfinite(maximum - minimum):
         return repair
@@ -213,7 +213,7 @@ def _with_wide_edges(
 
 
 def _evidence(signed_radius: Tensor, rows: tuple[int, int]) -> _BandEvidence:
-    """The evidence of the rows [first, end)."""
+    """The evidence in rows [first, end) of radii [H, W] px."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
     above = min(rows[0], _AROUND)
     around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)

@@ -88,10 +88,10 @@ _BYTES_EACH = 1 << 13
 
 
 class ShiftEvidence(NamedTuple):
-    """The displacements of a silhouette, by its colours."""
+    """The evidence of colours for the displacements of the n pixels of a silhouette."""
 
     costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
-    fraction: Tensor  # [n, 1], of the profiles around that show both surfaces
+    fraction: Tensor  # [n, 1] share of the profiles around that show both surfaces
     told: Tensor  # [n, 2], of px beyond the samples: how well they are told apart, and their number
     beside: Tensor  # [n, K] places of its pixels within 5×5 px, over which it is averaged; n: none
 
@@ -150,7 +150,7 @@ def least_step(signed_radius: Tensor, soft: float | None) -> float:
 def shifts_of(found: ShiftEvidence, step: float) -> tuple[EdgeShifts, float]:
     """The displacements of a picture, and the share of them within a px of their median.
 
-    By expectation and maximization: a pixel whose colours say little votes as the others do.
+    The method is expectation-maximization: a pixel of little evidence votes as the others do.
 
     `step`: least step in px of an edge.
     """
@@ -180,7 +180,7 @@ def _rarity(votes: Tensor) -> Tensor:
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
-    """Numbers [n] in [0, 1) that look random, of the radii and colours around pixels [n, 2]."""
+    """Pseudo-random numbers [n] in [0, 1) made of the radii and colours around pixels [n, 2]."""
     beside = squares_around(at, (radii.shape[-2], radii.shape[-1])).flatten()
     around = [values.flatten().index_select(0, beside) for values in (radii, *pixels)]
     bits = torch.stack(around).float().view(torch.int32).view(len(around), len(at), 9).long()
@@ -218,7 +218,7 @@ def silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Si
 
 
 def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tensor:
-    """Radii [H, W] px with a silhouette moved by px [n]."""
+    """Radii [H, W] px with each pixel of a silhouette moved by its `shift` [n] in px."""
     radii, at = signed_radius.detach(), silhouette.at
     H, W = radii.shape
     if not float(shift.abs().amax()) > _REST:
@@ -297,7 +297,7 @@ def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
 
 
 def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
-    """The places [n, K] in `at` of the pixels of a silhouette within 5×5 px; n for none."""
+    """Indices [n, K] in `at` of the pixels of a silhouette within 5×5 px of each; n for none."""
     n, (H, W) = len(at), radii.shape
     number = torch.full((H * W,), n, device=at.device)
     number[at[:, 0] * W + at[:, 1]] = torch.arange(n, device=at.device)
@@ -306,7 +306,7 @@ def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
 
 
 def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
-    """Values [n, K] averaged over 5×5 px of a silhouette, in some rounds."""
+    """Values [n, K] averaged over the pixels of a silhouette within 5×5 px, `rounds` times."""
     n = len(values)
     values = torch.cat([values, values.new_zeros(1, values.shape[1])]).float()
     beside = torch.cat([beside, beside.new_full((1, beside.shape[1]), n)])
@@ -319,10 +319,10 @@ def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
     """The pixels within reach of shifts, and their closest pixels of the silhouette.
 
-    Of two that are as close, the first one.
+    Of two pixels of the silhouette that are equally close, the first one is taken.
 
     `at`: [n, 2] rows and columns of the silhouette; `shift`: [n] px; `size`: (height, width) of the
-    frame. Returns [m] numbers of pixels, [m] places in `at`, and [m] distances in px.
+    frame. Returns [m] flat indices of pixels, [m] indices in `at`, [m] distances in px.
     """
     n, (H, W), reach = len(at), size, int(shift.abs().amax()) + 2
     offset = torch.arange(-reach, reach + 1, device=at.device)
@@ -399,7 +399,7 @@ def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
 def _profile_pixels(
     at: Tensor, normal: Tensor, along: Tensor, size: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
-    """The numbers [n, K] of the pixels across a silhouette [n, 2], and whether the frame has them.
+    """Flat indices [n, K] of pixels across a silhouette [n, 2], and whether they are in the frame.
 
     `normal`: [2, n]; `along`: [K] px from the silhouette to the farther surface; `size`: (height,
     width) of the frame, whose closest pixel stands for one that is beyond it.
@@ -423,7 +423,7 @@ class _Profiles(NamedTuple):
         return (self.inwards >= 2) & (self.outwards >= 2)
 
     def depths(self) -> tuple[Tensor, Tensor]:
-        """Px [n] to the nearer and the farther surface, where their colours are sampled."""
+        """Distances [n] px at which colours of the nearer and the farther surface are sampled."""
         # the middle of a thin surface is as deep as one can get
         near, far = (
             (count.double() / 2).clamp(max=DEEPEST) for count in (self.inwards, self.outwards)
@@ -453,9 +453,9 @@ def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
 
 
 def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
-    """Sums over the samples of both surfaces, [n, 2 * (1 + C + C²)]: of 1, colour, and products.
+    """Sums [n, 2 * (1 + C + C²)] of 1, colours and their products, over samples of both surfaces.
 
-    Averaged along a silhouette they say how the colours of both surfaces are distributed there.
+    Averaged along a silhouette, sums say how the colours of both surfaces are distributed there.
     """
     color, moments = _colors(pixels, profiles.positions), []  # [C, n, 2 * REACH + 1]
     for sampled, _ in profiles.sides():
@@ -466,7 +466,7 @@ def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
 
 
 def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
-    """The weight [..., 1] of colours, 0 to 1, by their evidence [..., 2] of other px.
+    """The weight [..., 1] of colours, 0 to 1, by how well they tell px apart, `told` [..., 2].
 
     Similar textures on both sides have no weight, however different two of their samples are.
     """
@@ -478,7 +478,7 @@ def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
 def _of_profiles(
     profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Costs, fraction and told of `ShiftEvidence` of single profiles."""
+    """The fields `costs`, `fraction` and `told` of `ShiftEvidence`, for each profile alone."""
     nearer = _nearer(profiles, moments, pixels, alone=alone, rims=rims)
     inside, outside = (beyond for _, beyond in profiles.sides())
     right = (nearer * inside - nearer * outside).sum(1)
@@ -490,7 +490,7 @@ def _of_profiles(
 def _nearer(
     profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
 ) -> Tensor:
-    """How much more likely px [n, 2 * REACH + 1] are of the nearer surface, from -1 to 1.
+    """Whether px [n, 2 * REACH + 1] show the nearer surface (1) or the farther one (-1), graded.
 
     `pixels`: [C, H, W] linear.
     """

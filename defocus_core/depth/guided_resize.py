@@ -80,7 +80,7 @@ def _snapped(
     size: tuple[int, int],
     step: float,
 ) -> Tensor:
-    """Interpolated radii [H, W] px; the closer end where the coarse pixels around span an edge."""
+    """Interpolated radii [H, W] px; across an edge, the closer of the extreme radii around."""
     nearest = farthest = coarse
     for dim, (first, end) in enumerate((rows, columns)):
         before, after, _ = coarse_neighbours(coarse, dim, first, end, size[dim])

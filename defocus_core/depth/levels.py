@@ -43,7 +43,7 @@ def coarse_shifts(
     reach: float = 0.0,  # px of displacement to look for at least
     threads: int = 1,
 ) -> list[CoarseShifts]:
-    """The displacements that coarse levels show, coarsest first, each relative to the last."""
+    """The displacements that coarse levels show, coarsest first, each what the last one left."""
     size = (signed_radius.shape[-2], signed_radius.shape[-1])
     reach = max(_FRACTION * max(size), reach)
     levels = max(0, math.ceil(math.log2(reach / DEEPEST)))
@@ -85,7 +85,7 @@ def with_coarse_shifts(
 
 
 def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
-    """A field [h, w] at rows and columns [2, n] of a picture of a size, linearly interpolated."""
+    """Values [n] of a field [h, w] at rows and columns [2, n] of a picture of `size`, linear."""
     places = (2 * at + 1) / sent([[size[0]], [size[1]]], at) - 1
     places = places.flip(0).T[None, None].to(field.dtype)
     read = torch.nn.functional.grid_sample(
@@ -95,7 +95,7 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
 
 
 def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Radii and mean colours of 2×2 px; the radius is neither the least nor the greatest."""
+    """Radii and mean colours of 2×2 px; each radius is neither the least nor the greatest of 4."""
     H, W = signed_radius.shape
     radii, colors = (
         torch.nn.functional.pad(each.detach()[None], (0, W % 2, 0, H % 2), mode="replicate")[0]

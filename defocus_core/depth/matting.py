@@ -95,35 +95,35 @@ class _Side(NamedTuple):
     mean: Tensor  # [C, n] colour
     variance: Tensor  # [C, n] of colour
     signed_radius: Tensor  # [n] px
-    known: Tensor  # [n] bool, whether it has pixels
+    known: Tensor  # [n] bool, whether the surface has pixels
 
     def where(self, mask: Tensor, other: _Side) -> _Side:
-        """These sides where a mask [n] holds, others elsewhere."""
+        """These sides where a mask [n] is True, those of `other` elsewhere."""
         return _Side(*(torch.where(mask, *pair) for pair in zip(self, other, strict=True)))
 
     def replaced(self, index: Tensor, other: _Side) -> _Side:
-        """The sides with others in the place of those of these indices."""
+        """The sides, with those of `other` at the given indices."""
         pairs = zip(self, other, strict=True)
         return _Side(*(own.index_copy(-1, index, new) for own, new in pairs))
 
 
 class _Squares(NamedTuple):
-    """The pixels around each of n, k of them."""
+    """Squares of k pixels around each of n pixels."""
 
     colors: Tensor  # [C, k, n]
     radii: Tensor  # [k, n] px
-    is_near: Tensor  # [k, n] bool, whether they are of the nearer one of two surfaces
+    is_near: Tensor  # [k, n] bool, whether pixels are of the nearer one of two surfaces
     on_edge: Tensor  # [k, n] bool
     # [n], the coverage of the nearer surface where it is known, else NaN; None if nowhere
     known: Tensor | None = None
 
     @property
     def middle(self) -> int:
-        """The index of the pixel itself."""
+        """The index, among the k pixels, of the one in the middle."""
         return len(self.radii) // 2
 
     def weights(self, limit: float) -> Tensor:
-        """[k, n] by closeness; 0 for a third surface on the pixel's own side of the edge."""
+        """Weights [k, n] by closeness; 0 for a third surface on the own side of the edge."""
         alike = (self.radii - self.radii[self.middle]).detach().abs() <= EDGE
         own = self.is_near == self.is_near[self.middle]
         weights = _closeness(self.colors, NEARBY) * (alike | ~own)
@@ -138,13 +138,13 @@ class _Squares(NamedTuple):
         return self.radii.reshape(side, side, -1)[inner, inner]
 
     def have_step(self) -> Tensor:
-        """[n] bool, whether the inner nine hold a step between two surfaces."""
+        """Whether the inner 3×3 pixels hold a step between two surfaces: [n] bool."""
         nine = self.inner().detach()
         steps = (nine.diff(dim=dim).abs().amax((0, 1)) for dim in (0, 1))
         return torch.maximum(*steps) > STEP
 
     def beyond_edge(self) -> Tensor:
-        """The radii [n] px of the other surface among the inner nine, at its farther end."""
+        """The extreme radii [n] px of the other surface within the inner 3×3 pixels."""
         nine = self.inner()
         return torch.where(self.is_near[self.middle], nine.amax((0, 1)), nine.amin((0, 1)))
 
@@ -155,8 +155,8 @@ class _Pixels(NamedTuple):
     color: Tensor  # [C, n]
     own: _Side  # the surfaces that their depth names
     other: _Side
-    expected: Tensor  # [n], the share of their own surface that the depth around lets expect
-    known: Tensor  # [n] bool, whether both surfaces are
+    expected: Tensor  # [n], the share of the own surface that is expected from the depth around
+    known: Tensor  # [n] bool, whether both surfaces have pixels
 
 
 def mixed_pixels(
@@ -212,7 +212,7 @@ def _edges(signed_radius: Tensor, matte: Tensor | None = None) -> Tensor:
 
 
 def _numbers(at: Tensor, like: Tensor) -> Tensor:
-    """The numbers [n] of pixels at [n, 2] in pictures [..., H, W]."""
+    """Flat indices [n] of the pixels at rows and columns [n, 2] of pictures [..., H, W]."""
     return at[:, 0] * like.shape[-1] + at[:, 1]
 
 
@@ -245,7 +245,7 @@ def _squares_on(
 
 
 def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
-    """Squares with surfaces and coverage of a matte [k, n] where they hold its silhouette."""
+    """Squares with surfaces and coverage from a matte [k, n], where they hold its silhouette."""
     subject, radii = matte >= SUBJECT, squares.radii.detach()
     own, rest = ((radii * mask).sum(0) / mask.sum(0).clamp(min=1) for mask in (subject, ~subject))
     at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > STEP)
@@ -331,7 +331,7 @@ def _side_of(squares: _Squares, weight: Tensor) -> _Side:
 
 
 def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tensor:
-    """The most probable α [n] of colours [C, n] = α own + (1 - α) other, and an expected one [n].
+    """The most probable α [n] of colours [C, n] = α own + (1 - α) other, given the expected α [n].
 
     The less a colour is on the line between both surfaces, the less it counts; what is far from it
     (a lamp) is whole.
@@ -360,7 +360,7 @@ def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tenso
 def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Tensor, Tensor]:
     """The colours [C, n] of both surfaces of mixed pixels, the first one of coverage α [n].
 
-    A remainder that neither explains belongs to the pixel's own surface, then to the other.
+    A remainder that neither surface explains belongs to the pixel's own surface, then to the other.
     """
     weights = alpha * own.variance, (1 - alpha) * other.variance
     residual = (color - alpha * own.mean - (1 - alpha) * other.mean) / (
@@ -376,7 +376,7 @@ def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Ten
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
-    """The second colour of mixed pixels, if the first one has a share [n]."""
+    """The colours [C, n] that `color`, with its fraction [n], leaves of mixed pixels [C, n]."""
     return (mixed - fraction * color) / torch.where(fraction < 1, 1 - fraction, 1.0)
 
 

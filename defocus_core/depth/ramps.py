@@ -69,7 +69,7 @@ def without_ramps(
     """Radii [H, W] px with steps in the place of ramps.
 
     Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
-    Of distance, far slopes are steep, too; they stay if their radii change slowly.
+    In distance, far slopes are steep, too; far slopes stay if their radii change slowly.
 
     `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
     distance, if ramps are ramps of distance; None if they are of disparity.
@@ -87,7 +87,7 @@ def without_ramps(
 def _ends_of_ramps(
     signed_radius: Tensor, steep: float, edge_width: float | None, scale: DistanceScale | None
 ) -> tuple[Tensor, Tensor, Tensor] | None:
-    """The numbers [n] of pixels on ramps that are edges, and of those at both of their ends.
+    """Flat indices [n] of pixels on ramps that are edges, and of the near and far ends of these.
 
     Arguments as for `without_ramps`; None if there is no ramp.
     """
@@ -169,8 +169,8 @@ def reduced(signed_radius: Tensor, by: int) -> Tensor:
 def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
     """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
 
-    Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
-    nothing. A path ends at any other pixel.
+    Of equally steep neighbours the one with the lower end is taken, so that rounding decides
+    nothing. A path ends at a pixel that is not in `index`.
 
     `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
     [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
@@ -187,9 +187,9 @@ def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longe
 
 
 def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) -> Tensor:
-    """The ends [2, n] of ramps, -1 where a path has none; there the outermost ones of paths beside.
+    """The ends [2, n] of ramps, those of -1 replaced by the outermost ends of the paths beside.
 
-    A pixel is its own end where there are none either. Arguments as for `_path_end`.
+    A pixel without ends, beside no path with ends, is its own end. Arguments as for `_path_end`.
     """
     missing = ends[0] < 0
     of_pixel = torch.arange(len(values), device=values.device).repeat(2, 1)
@@ -207,9 +207,9 @@ def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) ->
 
 
 def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
-    """The least of the pixels around the ends [n] of paths, as levels may end a path too soon.
+    """The lowest pixels [n] around the ends [n] of paths, as levels may end a path too soon.
 
-    Of pixels that are as low one is taken that is on no ramp [H, W].
+    Of equally low pixels, one that is on no ramp [H, W] is taken.
     """
     row = at.div(ramp.shape[1], rounding_mode="floor")
     size = ramp.shape[0], ramp.shape[1]
@@ -281,7 +281,7 @@ class DistanceScale(NamedTuple):
 
     infinity: float  # signed radius in px at infinity
     nearest: float  # px of radius between infinity and the nearest surface of the frame
-    farthest: float  # px of radius between infinity and its farthest surface
+    farthest: float  # px of radius between infinity and the farthest surface of the frame
 
     def distances(self, radii: Tensor) -> Tensor:
         """Distances of radii [H, W] px; 0 px for the nearest surface."""
@@ -294,7 +294,7 @@ class DistanceScale(NamedTuple):
         return DistanceScale(*(px * factor for px in self))
 
     def rescaled(self, scale: float, infinity: float) -> DistanceScale:
-        """The scale of the same distances for a lens of a greater scale and another infinity."""
+        """The scale of the same distances for radii `scale` times as far from another infinity."""
         return DistanceScale(infinity, self.nearest * scale, self.farthest * scale)
 
 
@@ -302,7 +302,7 @@ def distance_scale(minimum: float, maximum: float, infinity: float | None) -> Di
     """The scale of distance of a frame.
 
     `minimum`: least radius in px; `maximum`: greatest radius in px; `infinity`: signed radius in px
-    at infinity; None if that is not known. Returns none if distance is not known,
+    at infinity; None if that is not known. Returns None if distance is not known,
     infinite somewhere, or the same everywhere.
     """
     if infinity is None or not INFINITE < infinity - maximum < infinity - minimum:
@@ -311,7 +311,7 @@ def distance_scale(minimum: float, maximum: float, infinity: float | None) -> Di
 
 
 def distance_of(radii: Tensor, infinity: Scalar) -> Tensor:
-    """Distances of radii in px, as 1 over px of radius from infinity."""
+    """Distances of radii in px: 1 / (infinity - radius), in 1/px."""
     return (infinity - radii).clamp(min=INFINITE).reciprocal()
 
 

@@ -60,8 +60,8 @@ def repair_depth(
         edge_width: As for `render`.
         decided: The repair, where it is known already; None to find it.
         matte: As for `render`.
-        reach: Px by which edges may be displaced at least; in any case a hundredth of the longer
-            side of the picture.
+        reach: Px by which edges may be displaced; at least a hundredth of the longer side of
+            the picture.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -103,7 +103,7 @@ def _with_edges_of_colors(
     decided: DepthRepair | None,
     reach: float,
 ) -> tuple[Tensor, EdgeShifts | None]:
-    """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
+    """Radii [H, W] px with edges moved to those of the colours, and the displacements found."""
     scale, soft, shifts = repair.ramps_of, repair.least_slope, repair.edge_shifts
     measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
     if decided is None and soft is None:
@@ -148,7 +148,7 @@ def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[floa
 
 
 def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> DepthRepair:
-    """The repair that was found, with the given width of soft edges."""
+    """The repair that was found, with the width of soft edges that the caller gave."""
     if edge_width is None:
         return repair
     if edge_width == 0:
@@ -232,9 +232,9 @@ def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
 
 
 def _ends_around(signed_radius: Tensor, mask: Tensor) -> Tensor:
-    """The least and the greatest radius [2, H, W] px of a mask [H, W] in the square around each.
+    """The least and the greatest radius [2, H, W] px in the square around each, within a mask.
 
-    They are infinite where the mask has no pixel.
+    Both are infinite where the mask [H, W] has no pixel.
     """
     side, sign = 2 * _AROUND_MATTE + 1, signed_radius.new_tensor([-1.0, 1.0])[:, None, None]
     ends = torch.where(mask, sign * signed_radius, -torch.inf)[None]

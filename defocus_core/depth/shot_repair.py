@@ -1,7 +1,7 @@
 """One repair of depth for all frames of a shot, as decisions for single frames could flicker.
 
 Radii of one scene through two lenses differ by a factor and a shift, as both are affine in
-disparity. So thresholds in px of radius go with this factor.
+disparity. So thresholds in px of radius are multiplied by this factor.
 """
 
 from __future__ import annotations

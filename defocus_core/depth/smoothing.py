@@ -50,9 +50,9 @@ _OUTSIDE = 1e18
 def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     """Histogram [_INTERVALS + 3] of scatter in rows of a frame.
 
-    How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
-    an axis, or between both, as on slopes and on terraces; and the others by their distance from
-    that mean.
+    First the count of pixels with a neighbour beyond a step between surfaces; then the others, by
+    their distance from the mean of both neighbours along an axis, 0 for a pixel between both in
+    radius, as on slopes and terraces.
 
     `steps`: differences in px of each pixel and the next of a band [h, W], down and across; the
     band has the counted rows and at least the rows of the frame beside them.
@@ -106,9 +106,9 @@ def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
 
 
 def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
-    """Means [H, W] of the near pixels around each pixel, and where no pixel is near.
+    """Means [H, W] px of similar radii around each pixel, and where no radius is similar.
 
-    `radii`: [H, W] px; `maximum`: [H, W] px, the greatest difference of a near pixel.
+    `radii`: [H, W] px; `maximum`: [H, W] px, the greatest difference of a similar radius.
     """
     H, W = radii.shape
     framed = torch.nn.functional.pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
@@ -169,7 +169,7 @@ def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
 def _levels(rows: Tensor) -> Tensor:
     """The different radii [n] of pixels in rows [H, W] that equal the next ones.
 
-    They are the levels, but not averages of them on edges.
+    These radii are the levels of the map, without averages of levels on edges.
     """
     across, down = rows.diff(dim=1)[:-1].bool(), rows.diff(dim=0)[:, :-1].bool()
     goes_on = ~(across | down)

@@ -28,7 +28,7 @@ def plain_sum(
     """The sum of all blurred slices, divided by the sum of their coverage, without occlusion.
 
     `image`: [C, H, W], linear light; `signed_radius`: [H, W] px; `aperture`: a round one by
-    default; `quality`: whose slice radii are used. Returns [C, H, W].
+    default; `quality`: the quality whose slice radii are used. Returns [C, H, W].
     """
     H, W = signed_radius.shape
     radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), quality_of(quality))

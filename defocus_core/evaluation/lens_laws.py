@@ -38,7 +38,7 @@ class LawSetting:
     def views(
         self, scene: Scene, dtype: torch.dtype = torch.float32, **options: Any
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Centre, left, right and trust of a scene, with more options of the renderer."""
+        """Centre, left, right and trust of a scene, rendered with more options if given."""
         image, radius = (x.to(self.device, dtype).contiguous() for x in scene)
         asked = {"quality": self.quality, "threads": self.threads, "left_right": True} | options
         views = self.render(image, radius, **asked)
@@ -48,9 +48,9 @@ class LawSetting:
 
 @dataclass(frozen=True)
 class Check:
-    """The number that a law bounds."""
+    """The worst number that was measured for a law, with the bound of the law."""
 
-    law: str  # its name
+    law: str  # name of the law
     measured: str  # the measurement, in words
     unit: str  # of the value and the bound
     value: float | None  # the worst measured value; None without a GPU to measure it on
@@ -81,7 +81,7 @@ def verify(setting: LawSetting | None = None) -> Iterator[Check]:
 
 
 def waves(size: tuple[int, int] = SIZE) -> Tensor:
-    """Smooth coloured waves in [0.1, 0.9]: [3, H, W]."""
+    """A picture [3, H, W] of smooth coloured waves in [0.1, 0.9]."""
     y, x = (torch.arange(n, dtype=torch.float64) for n in size)
     phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
     turns = [(a * x + b * y[:, None]) / 11 for a, b in phases]
@@ -89,20 +89,20 @@ def waves(size: tuple[int, int] = SIZE) -> Tensor:
 
 
 def slope(size: tuple[int, int] = SIZE) -> Tensor:
-    """Radius of a plane through the focus that recedes to the right and upwards: [H, W] px."""
+    """Radii [H, W] px of a plane through the focus that recedes to the right and upwards."""
     across = torch.linspace(0, 1, size[1], dtype=torch.float64)
     upward = torch.linspace(1, 0, size[0], dtype=torch.float64)[:, None]
     return -6.0 + 15.0 * (0.8 * across + 0.2 * upward)
 
 
 def strips(size: tuple[int, int] = SIZE) -> Tensor:
-    """Radius of four upright strips in a mixed order of depth: [H, W] px."""
+    """Radii [H, W] px of four upright strips in a mixed order of depth."""
     values = torch.tensor([4.0, -5.0, 0.0, 8.0], dtype=torch.float64)
     return values[torch.arange(size[1]) * 4 // size[1]].expand(size).clone()
 
 
 def card(card_r: float, background_r: float, *, plain: bool = False) -> Scene:
-    """A card before waves, or before one dark colour."""
+    """The scene of a card before waves, or before one dark colour if `plain`."""
     H, W = SIZE
     on_card = torch.zeros(SIZE, dtype=torch.bool)
     on_card[H // 4 : 2 * H // 3, W // 3 : 3 * W // 5] = True
@@ -140,7 +140,7 @@ def white(setting: LawSetting) -> list[float]:
 
 
 def disc(setting: LawSetting) -> list[float]:
-    """% by which the disc of a point is too large or too small, and % of a light beyond its rim.
+    """The % by which discs of points are too large or too small, and % of light beyond their rims.
 
     A light on black is drawn by its own kernel, a mark on white goes through slices. The radius
     follows from the second moment, r²/4 on each axis, to which the area of a pixel adds 1/12 px².

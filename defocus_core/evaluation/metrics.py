@@ -36,7 +36,7 @@ def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: in
     """All errors of a picture, without the border, which depends on content outside the frame.
 
     `picture`, `truth`: [3, H, W], linear; `signed_radius`: [H, W] px; `border`: px left out on each
-    side, the greatest CoC radius rounded up; pixels so far from a depth edge are near it.
+    side, the greatest CoC radius rounded up; pixels within `border` px of an edge are near it.
 
     Raises:
         ValueError: If shapes differ, the border leaves less than 11 px, or a pixel of the picture
@@ -67,7 +67,7 @@ def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: in
 
 
 def encoded(linear: Tensor) -> Tensor:
-    """sRGB-encoded (IEC 61966-2-1), clipped to [0, 1]."""
+    """Linear values encoded as sRGB (IEC 61966-2-1), clipped to [0, 1]."""
     x = linear.clamp(0, 1)
     curve = 1.055 * x.clamp(min=0.003) ** (1 / 2.4) - 0.055
     return torch.where(x <= 0.0031308, 12.92 * x, curve)

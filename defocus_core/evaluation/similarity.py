@@ -22,8 +22,8 @@ def psnr(mean: float) -> float:
 def similarity(a: Any, b: Any) -> Any:
     """The similarity of each window that lies within two pictures, with C1 = 0.01², C2 = 0.03².
 
-    `a`: [H, W] in 0…1, float64. Returns [H - 10, W - 10], of the pixel in the middle of each
-    window.
+    `a`: [H, W] in 0…1, float64. `b`: the same. Returns [H - 10, W - 10], a value for the middle
+    of each window.
     """
     mean_a, mean_b, square, product = (_smooth(v) for v in (a, b, a * a + b * b, a * b))
     both, squares = mean_a * mean_b, mean_a * mean_a + mean_b * mean_b
@@ -33,7 +33,7 @@ def similarity(a: Any, b: Any) -> Any:
 
 
 def _smooth(values: Any) -> Any:
-    """The gaussian mean of each window within an array [h, w]."""
+    """The gaussian-weighted mean of each window that lies within an array [h, w]."""
     weights = [math.exp(-(k**2) / (2 * _SIGMA * _SIGMA)) for k in range(REACH + 1)]
     total = weights[0] + 2 * sum(weights[1:])
     for _ in range(2):  # down, then across

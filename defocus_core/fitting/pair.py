@@ -159,7 +159,7 @@ class Search:
     """The search for the point between two pictures."""
 
     def __init__(self, residual: Residual, pictures: Scale, free: list[int]) -> None:
-        """Set the unknowns to find, by number, the radii first."""
+        """Set the pictures, and the indices of the unknowns to find, the radii first."""
         self._residual, self._free, self._all = residual, free, pictures
         self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
 
@@ -208,7 +208,7 @@ class Search:
         return [first._replace(far=one, near=other) for one, other in ends.tolist()]
 
     def _distinct(self, points: list[Point], width: int) -> list[Point]:
-        """Points, the best first, without those close to a better one."""
+        """The points, best first, without points that are close to a better one."""
         pictures = self._widths[width]
         errors = {point: self._residual.error(point, pictures) for point in points}
         kept: list[Point] = []
@@ -221,7 +221,7 @@ class Search:
         return kept
 
     def _descend(self, point: Point, pictures: Scale) -> Point:
-        """A point after Gauss-Newton steps.
+        """The point after Gauss-Newton steps.
 
         Where a surface is nearly sharp, slopes change within the step of the differences, which
         therefore is at most the last step of the search.
@@ -271,7 +271,7 @@ class Search:
         return both[:, 1:, 1:], both[:, 1:, 0]
 
     def fit_of(self, point: Point, sensor: DualPixel) -> Fit:
-        """The fit at a point, with its uncertainty."""
+        """The fit at a point, with its standard errors."""
         pictures, strength = self._widths[max(_WIDTHS)], point.far - point.near
         still, focus = point._replace(far=_MINIMUM, near=0.0), point.far / strength
         unlike, square = (

@@ -22,10 +22,10 @@ class Scale:
     disparity: Tensor  # [H, W], 0 of the farthest surface and 1 of the nearest
     observed: Tensor  # [V, C, H, W]
     lost: Tensor  # [1, H, W], the share of a pixel whose light is clipped in the sharp picture
-    factor: float = 1.0  # px of them per px of the pair
+    factor: float = 1.0  # px of these pictures per px of the pair
 
     def reduced(self, width: int) -> Scale:
-        """The same pictures at a width in px, if it is less."""
+        """The same pictures reduced to `width` px, if they are wider."""
         if width >= self.sharp.shape[2]:
             return self
         factor = width / self.sharp.shape[2]
@@ -37,9 +37,9 @@ class Scale:
 
 
 def clipped(image: Tensor) -> Tensor:
-    """Where a picture [C, H, W] of at most 1 is at its maximum: [1, H, W], 1 or 0.
+    """Mask [1, H, W], 1 or 0, of the pixels at the maximum of a picture [C, H, W] of at most 1.
 
-    In a picture without clipped light only a pixel or two are there.
+    The mask of a picture without clipped light has only a pixel or two.
     """
     top = float(image.max()) if float(image.max()) <= _ENDLESS else torch.inf
     return (image.amax(0, keepdim=True) >= _END * top).to(image)
@@ -50,7 +50,7 @@ def registered(
 ) -> tuple[Tensor, Tensor]:
     """Images [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
 
-    Returns them, and where no pixel comes from beyond the border: [H, W], 1 or 0.
+    Returns the images, and a mask [H, W], 0 where a pixel comes from beyond the border, else 1.
     """
     inside = torch.ones_like(images[0, 0])
     for shift in (down, across):  # the rows, then, turned, the columns
@@ -66,9 +66,9 @@ def registered(
 
 
 def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, float]:
-    """Px by which a picture [C, H, W] lies right of and below another, whatever its blur.
+    """Px by which `observed` [C, H, W] lies right of and below `sharp`, whatever the blur.
 
-    It maximises their correlation: a pupil with point symmetry moves nothing.
+    The offset maximises their correlation: blur by a pupil with point symmetry moves nothing.
     """
     spectra = []
     for image in (sharp, observed):

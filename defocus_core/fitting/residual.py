@@ -36,13 +36,13 @@ _ABOUT = 60  # renderings of a fit
 
 
 class Point(NamedTuple):
-    """One value of each unknown."""
+    """A value for each unknown of the fit."""
 
     far: float  # signed radius of the least disparity, px of the sharp picture
-    near: float  # that of the greatest disparity
+    near: float  # signed radius of the greatest disparity
     across: float = 0.0  # px by which the blurred picture lies to the right of the sharp one
     down: float = 0.0  # px by which it lies below
-    growth: float = 0.0  # logarithm of its magnification about the middle
+    growth: float = 0.0  # logarithm of the magnification of the blurred picture about the middle
     # Separation of left and right, by that of ideal halves of the pupil; below 0 if exchanged
     separation: float = 1.0
 
@@ -75,7 +75,7 @@ class Residual:
         return one / (one + self._middle) - other / (other + self._middle), weight
 
     def error(self, point: Point, pictures: Scale) -> float:
-        """The weighted mean of the measure of the differences, as of `error_of`."""
+        """The error of a point: `error_of` its differences."""
         return error_of(*self.differences(point, pictures))
 
     def modelled(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor, Tensor]:
@@ -105,8 +105,8 @@ class Residual:
     def _blurred(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
         """The blurred views of the sharp picture, and their trust [H, W].
 
-        The centre alone [1, C, H, W], or the centre, left and right. If lights of the sharp picture
-        are clipped, their share is one more channel.
+        The views [V, C, H, W] are the centre alone, or centre, left and right. If lights of the
+        sharp picture are clipped, one more channel is their share.
         """
         key = point.far, point.near, pictures
         if key in self._views:
@@ -133,7 +133,7 @@ class Residual:
 
 
 def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
-    """The factor of each view over the frame [V, 1, H, W]: least squares of yⁱ xʲ, i + j ≤ 4."""
+    """The factor [V, 1, H, W] of each view over the frame, a fit of yⁱ xʲ, i + j ≤ 4."""
     size = [min(_CELLS, side) for side in light.shape[2:]]
     squares, products = (
         interpolate((common * light * each).sum(1, keepdim=True), size, mode="area").double()
@@ -149,7 +149,7 @@ def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
 
 
 def _monomials(size: list[int]) -> Tensor:
-    """The products yⁱ xʲ, i + j ≤ 4, of places from -1 to 1 over a frame: [15, h, w]."""
+    """The products yⁱ xʲ, i + j ≤ 4, [15, h, w], of y and x from -1 to 1 over a frame."""
     degrees = torch.arange(_FALLOFF + 1)[:, None]
     rows, columns = (((2 * torch.arange(n).double() + 1) / n - 1) ** degrees for n in size)
     i, j = torch.ones(_FALLOFF + 1, _FALLOFF + 1).triu().fliplr().nonzero().unbind(1)
@@ -157,13 +157,13 @@ def _monomials(size: list[int]) -> Tensor:
 
 
 def error_of(residual: Tensor, weight: Tensor) -> float:
-    """The weighted mean of Huber's measure; infinite if there is hardly any weight."""
+    """The weighted mean of Huber's loss of differences; infinite if there is hardly any weight."""
     if float(weight.mean()) < _MIN_WEIGHT:
         return math.inf
     return float((measure_of(residual) * weight).sum() / (weight.sum() * residual.shape[1]))
 
 
 def measure_of(residual: Tensor) -> Tensor:
-    """Huber's measure of differences."""
+    """Huber's loss of each difference."""
     size = residual.abs()
     return torch.where(size < BEND, size**2 / 2, BEND * (size - BEND / 2))

@@ -56,9 +56,9 @@ _LONGEST_HEADER = 2**16  # bytes
 class ArrayEntry:
     """An array in a file."""
 
-    shape: tuple[int, ...]  # of all of it
+    shape: tuple[int, ...]  # of the whole array
     dtype: str  # as NumPy names it, like ``float32``
-    # Reads it, or with a number only that entry of its first axis
+    # Reads the array, or with a number only that entry of its first axis
     load: Callable[[int | None], NDArray[Any]]
 
 
@@ -69,7 +69,7 @@ def array_type(head: bytes) -> str:
 
 
 def has_frames(path: Path) -> bool:
-    """Whether a file holds several arrays or a stack of frames: ``part`` chooses one."""
+    """Whether a file holds several arrays or a stack of frames, of which ``part`` chooses one."""
     kind = array_type(read_head(path, _HEAD))
     if kind == "NPY":
         return any(frames_of(entry.shape) > 1 for entry in read_entries(path).values())
@@ -126,7 +126,7 @@ def read_map(path: Path) -> NDArray[Any]:
 
 
 def squeezed_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """A shape without outer axes of length 1, of which two axes at least are kept."""
+    """A shape without its leading and trailing axes of length 1; at least two axes remain."""
     while len(shape) > 2 and shape[0] == 1:
         shape = shape[1:]
     while len(shape) > 2 and shape[-1] == 1:
@@ -135,7 +135,7 @@ def squeezed_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def frames_of(shape: tuple[int, ...]) -> int:
-    """The number of maps in an array of a shape: its first length greater than 1."""
+    """The number of maps [H, W] in an array of a shape; 1 if the shape is no stack of maps."""
     shape = squeezed_shape(shape)
     return shape[0] if len(shape) == 3 or (len(shape) == 4 and shape[1] == 1) else 1
 

@@ -15,14 +15,14 @@ BAND = 1 << 20  # pixels of a band of rows
 
 
 def computed(function: Callable[..., Any], *arrays: Any) -> Any:
-    """A function of arrays [H, W], computed in bands, so that its temporaries stay small."""
+    """The result of a function of arrays [H, W], computed in bands to save memory."""
     shape = arrays[0].shape
     parts = [function(*(array[rows] for array in arrays)) for rows in bands(shape)]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def times(array: NDArray[Any], factor: float) -> NDArray[Any]:
-    """An array times a factor, in its type; itself if that is 1."""
+    """The product of an array and a factor, in the array's type; for 1 the array itself."""
     return array if factor == 1 else array * array.dtype.type(factor)
 
 
@@ -44,7 +44,7 @@ def bands(shape: Sequence[int]) -> list[slice]:
 
 
 def count_of(mask: NDArray[np.bool_]) -> tuple[int, str]:
-    """Number of true pixels [H, W], and the first as x,y; empty if there is none."""
+    """The number of True pixels of a mask [H, W], and the first as text x,y; empty without any."""
     count = int(np.count_nonzero(mask))
     y, x = np.unravel_index(int(mask.argmax()), mask.shape) if count else (0, 0)
     return count, f"{x},{y}" if count else ""

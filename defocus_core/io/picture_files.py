@@ -39,7 +39,7 @@ HOLES = ("keep", "error", "far", "fill")
 
 @contextmanager
 def as_file(source: str | PathLike[str] | bytes) -> Iterator[Path]:
-    """The path of a file; of its bytes that of a copy, which is there in the block."""
+    """The path of a file, or of a temporary copy of its bytes that lasts for the block."""
     if not isinstance(source, bytes):
         yield Path(source)
         return
@@ -112,9 +112,9 @@ def read_depth(
         channel: Which channel of an EXR file, or array of a container; PART/CHANNEL works.
         part: Which part of an EXR file, page of a TIFF or frame of an array, from 0.
         view: Which view of an EXR file of several.
-        range_mm: The distances in mm that the ends of an integer's range, or 0 and 1, stand for:
-            of depth the nearest, then the farthest; of disparity that of the greatest number, then
-            that of 0.
+        range_mm: The distances in mm at the ends of the range of the numbers (of floats 0 and 1):
+            for depth that of 0, then that of the greatest number; for disparity that of the
+            greatest number, then that of 0.
         radial: True if the numbers are distances to the point, False if they are planar.
         focal_px: Focal length of the picture in px.
         fov: Horizontal field of view in degrees.

@@ -1,7 +1,7 @@
-"""Files checked before a decoder sees them, and what decoders say of them.
+"""Checks of files before they are decoded, and the errors of decoders.
 
 Decoders written in C print on the stdout and stderr of the process; `quiet` discards that, so that
-stdout has only data and stderr only our one line for each error.
+stdout has only data and stderr only one line for each error.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _quiet_lock = threading.RLock()
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a regular file that the user named, links followed; never waits for a pipe's writer."""
+    """Open a regular file that the user named; follows links, and never waits at a pipe."""
     return os.fdopen(opened_plain(path, os.O_RDONLY), "rb")
 
 
@@ -66,7 +66,7 @@ def read_plain(path: Path, maximum: int = 2**24) -> bytes:
 
 
 def opened_plain(path: Path, flags: int) -> int:
-    """A handle of a regular file; to open a pipe does not wait for its other end."""
+    """The descriptor of a regular file, opened without waiting at a pipe."""
     number = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     try:
         status = os.fstat(number)
@@ -80,7 +80,7 @@ def opened_plain(path: Path, flags: int) -> int:
 
 
 def require_regular(status: os.stat_result) -> None:
-    """Raise OSError for what is no regular file, or a link."""
+    """Raise OSError for a link, a folder, or anything else that is not a regular file."""
     if stat.S_ISLNK(status.st_mode):
         raise through_link()
     if stat.S_ISDIR(status.st_mode):
@@ -90,12 +90,12 @@ def require_regular(status: os.stat_result) -> None:
 
 
 def through_link() -> OSError:
-    """The OSError where a link is in the way."""
+    """The OSError for a path that a link is part of."""
     return OSError(errno.ELOOP, "a symbolic link is in its way")
 
 
 def once(function: _OfFile) -> _OfFile:
-    """The result of a function of a file, cached until the file changes."""
+    """The function of a file, with results cached until the file changes."""
     # more than the files of a job: headers may be large
     found = lru_cache(maxsize=32)(lambda _stamp, *of: function(*of))
 
@@ -112,7 +112,7 @@ def once(function: _OfFile) -> _OfFile:
 
 
 def require_utf_8(path: Path | str) -> None:
-    """Refuse a name that no journal can hold, and that decoders refuse in words of their own."""
+    """Refuse a name that is not UTF-8, which neither journals nor decoders accept."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -159,7 +159,7 @@ def is_jpeg(head: bytes) -> bool:
 
 
 def missing(path: Path, what: str = "file") -> InputError:
-    """The InputError for a path at which nothing is, or a link that leads to nothing."""
+    """The InputError for a missing file, or for a link to a missing file."""
     problem, remedy = f"no such {what}", "check the name"
     if path.is_symlink():
         problem = "is a symbolic link that leads to nothing"
@@ -168,7 +168,7 @@ def missing(path: Path, what: str = "file") -> InputError:
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
-    """Refuse a too large size that a header claims, in px of so many bytes, before allocation."""
+    """Refuse a size in px that is too large, at `pixel_bytes` per pixel, before allocation."""
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
         raise InputError("damaged", f"is damaged: {claim}", AGAIN, path=path)
@@ -217,26 +217,26 @@ def spoken() -> Iterator[None]:
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
-    """The error for a file that cannot be decoded, or for a system that lacks something."""
+    """The error for a file that cannot be decoded, or for a lack in the system, like memory."""
     return _lacking(path, why) or InputError("damaged", f"{what} ({why})", AGAIN, path=path)
 
 
 def _lacking(path: Path, why: str) -> InputError | None:
-    """The error for a system that lacks something; None if the file is at fault."""
+    """The error for a lack in the system by the message `why`; None if the file is at fault."""
     lacks = next((words for words in _LACKS if words.lower() in why.lower()), "")
     problem = f"cannot be read: {lacks}"
     return InputError("unreadable", problem, _LACKS[lacks], path=path) if lacks else None
 
 
 def needs_extra(path: Path, kind: str, library: str, extra: str) -> InputError:
-    """The error for a file that is read with a library that is not installed."""
+    """The error for a file that needs a library that is not installed."""
     problem = f"is {kind} file, which is read with {library}, and {library} is not installed"
     return InputError("needs-extra", problem, f"run: pip install 'defocus[{extra}]'", path=path)
 
 
 @contextmanager
 def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[Any]:
-    """OpenImageIO's input of a file, without its limits, of samples as they are in the file."""
+    """The OpenImageIO input of a file, without limits of size or conversion of samples."""
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
@@ -264,7 +264,7 @@ def decoded_rows(
 ) -> NDArray[Any]:
     """Rows [h, W, C] of an `opened_image` as they are in the file.
 
-    `rows`, `channels`: first, and the one behind the last; `kind`: type of number.
+    `rows`, `channels`: (first, last + 1) of each; `kind`: the type of the numbers.
     """
     spec = file.spec()
     if spec.tile_width:
@@ -285,7 +285,7 @@ def decoded_rows(
 
 @contextmanager
 def decoding(path: Path, what: str = "is truncated or damaged") -> Iterator[None]:
-    """Turn what a library raises in the block, half a dozen types, into the error for damage."""
+    """Convert the exceptions that a library raises in the block into the error for damage."""
     try:
         yield
     except InputError:

@@ -26,10 +26,10 @@ def read_rows(
     header: str = "color,depth",
     columns: Columns = lambda cells, _: cells,
 ) -> Iterator[Row]:
-    """Place and values of each row, without empty or null values.
+    """The place and the values of each row, without empty or null values.
 
-    `what`: the file, in words; `example`, `header`: a row of JSON, empty where a file is none, and
-    a header of CSV; `columns`: the keys that cells of a header name, at its place.
+    `what`: the file, in words; `example`: a row of JSON, empty if JSONL is not accepted; `header`:
+    a header of CSV; `columns`: a function from the cells of a header and its place to the keys.
     """
     suffix, known = file.suffix.lower(), (".csv", ".jsonl") if example else (".csv",)
     if suffix not in known:

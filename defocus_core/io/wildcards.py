@@ -22,14 +22,14 @@ def has_wildcard(pattern: str | Path) -> bool:
 
 
 def texts_before(pattern: str | Path) -> list[str]:
-    """The text before each wildcard of a pattern, within its part of the path."""
+    """The literal text before each wildcard of a pattern, within its component of the path."""
     return [text for part in Path(pattern).parts for text in _WILDCARD.split(part)[:-1:2]]
 
 
 def wild_text(name: str, pattern: str) -> str | None:
-    """The texts of a pattern's wildcards in a name; None if it does not match.
+    """The texts that wildcards of a pattern match in a name, joined by _; None without a match.
 
-    A run of ``#`` is a whole number of at least as many digits.
+    A run of ``#`` matches a whole number of at least as many digits.
     """
     if not fnmatchcase(name, _NUMBER.sub("*", pattern)):
         return None
@@ -54,7 +54,7 @@ def matching(
 
 
 def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
-    """Paths below a folder that match the parts of a pattern, and the pieces of their names."""
+    """The files below a folder that match the parts of a pattern, and the pieces of their names."""
     part, rest = parts[0], parts[1:]
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
     if not os.access(folder, needed):
@@ -75,7 +75,7 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
 def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
     """Entries of a folder that match one part of a pattern, and whether each is a folder.
 
-    Entries lack the suffixes of files.
+    Pieces leave out the suffix of a file.
     """
     if os.path.lexists(folder / part):  # a name with brackets is one, if it is there
         yield folder / part, [], (folder / part).is_dir()
@@ -100,8 +100,8 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
 def _reversed_expression(part: str) -> str:
     """A regular expression of reversed names that match, with a group for each wildcard.
 
-    Each ``*`` takes all it can, the first before the others: from the end, each but the first takes
-    the least that lets the text behind it stand, and what it took need never be tried again.
+    Each ``*`` matches as much as possible, the first before the others. In reverse, each ``*`` but
+    the first matches as little as possible, without backtracking.
     """
     groups = {"?": "(.)", "[": "(.)", "*": "(.*)"}
     expression = ""
@@ -113,7 +113,7 @@ def _reversed_expression(part: str) -> str:
 
 
 def _refuse_circle(folder: Path) -> None:
-    """Refuse a link to a folder that it is in or that led to it: ``**`` would go round forever."""
+    """Refuse a link to a folder that contains the link, as ``**`` would never end."""
     if not folder.is_symlink():
         return
     real = folder.parent.resolve()

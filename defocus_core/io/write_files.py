@@ -53,9 +53,9 @@ class Folder:
     root: Path
 
     def path(self, name: str, *, make: bool = False) -> Path:
-        """The path of a regular file, or of one that is missing.
+        """The path of a regular file or of a missing file.
 
-        `make`: whether the folders that it lies in are made.
+        `make`: whether its folders are made.
         """
         place = self._place(name, make=make)
         with suppress(FileNotFoundError):
@@ -67,7 +67,7 @@ class Folder:
         return open_plain(self.path(name))
 
     def append(self, name: str) -> int:
-        """A handle that appends to a regular file, which is made if it is missing."""
+        """The descriptor of a regular file, open for appending; a missing file is made."""
         number = opened_plain(self.path(name, make=True), os.O_RDWR | os.O_CREAT | os.O_APPEND)
         if os.fstat(number).st_nlink > 1:  # a hard link, whose other name may lie anywhere
             os.close(number)
@@ -80,11 +80,11 @@ class Folder:
             return file.read()
 
     def remove(self, name: str) -> None:
-        """Remove a file or a link, but not what it leads to; nothing happens if it is missing."""
+        """Remove a file, or a link without its target; a missing file is no error."""
         self._place(name).unlink(missing_ok=True)
 
     def names(self, name: str = "") -> list[str]:
-        """The names of what lies in a folder below this one, sorted; none if it is missing."""
+        """The sorted names of the entries of a folder below this one; empty if it is missing."""
         folder = self._place(f"{name}/*").parent if name else self.root
         return sorted(os.listdir(folder)) if folder.exists() else []  # noqa: PTH208 - names
 
@@ -95,7 +95,7 @@ class Folder:
         return place.open("x+b")
 
     def link(self, source: Path, name: str) -> None:
-        """Give a regular file another name, a new one below this folder."""
+        """Make a hard link to a regular file, under a new name below this folder."""
         self._place(name, make=True).hardlink_to(source.resolve())
 
     def rename(self, name: str, last: str) -> None:
@@ -105,7 +105,7 @@ class Folder:
         sync_folder(place.parent)
 
     def _place(self, name: str, *, make: bool = False) -> Path:
-        """The path of a name, once no folder on its way is a link."""
+        """The path of a name, after a check that no folder on the way to it is a link."""
         if (fault := path_fault(name)) is not None:
             raise OSError(errno.EINVAL, f"{name!r:.80} {fault}")
         *folders, last = name.split("/")
@@ -133,21 +133,21 @@ def sync_folder(folder: Path) -> None:
 
 
 class _Sibling(NamedTuple):
-    """A hidden file that is to become another of its folder."""
+    """A hidden file that will replace another file of its folder."""
 
     folder: Folder
     name: str  # below the folder
-    path: Path  # what it becomes
+    path: Path  # the output that the sibling becomes
 
     @classmethod
     def create(cls, path: Path, root: Path | None) -> _Sibling:
-        """A new sibling; `root`: the folder that both lie below, if not just their own."""
+        """A new sibling; `root`: a folder above both files; None for their own folder."""
         root = root or path.parent
         name = path.with_name(f"{_leftover(path)}{os.getpid()}.{next(_serial)}.tmp")
         return cls(Folder(root), name.relative_to(root).as_posix(), path)
 
     def discard(self) -> None:
-        """Remove it, unless it was put in place."""
+        """Remove the sibling, unless it has become its output."""
         with suppress(OSError):
             self.folder.remove(self.name)
 
@@ -161,7 +161,7 @@ _together: ContextVar[tuple[list[_Sibling], Path | None] | None] = ContextVar(
 
 @contextmanager
 def written_together(root: Path | None = None) -> Iterator[None]:
-    """Files that are `written_whole` in the block appear together when it ends well, or none."""
+    """Let files that are `written_whole` in the block appear together at its end, or none."""
     files: list[_Sibling] = []
     token = _together.set((files, root))
     try:
@@ -221,12 +221,12 @@ def link_or_copy(source: Path, path: Path) -> None:
 
 
 def _leftover(path: Path) -> str:
-    """Prefix of the names of the hidden siblings of ``path``, before that of the process."""
+    """The prefix of the names of the siblings of ``path``; the number of the process follows."""
     return f".{path.name[:48]}."
 
 
 def left_in(folder: Path) -> Iterator[str]:
-    """The names of what processes of this machine left half-written in a folder."""
+    """The names of the siblings that ended processes of this machine left in a folder."""
     with suppress(OSError):
         for name in Folder(folder).names():
             process = LEFTOVER.fullmatch(name)
@@ -246,7 +246,7 @@ def _runs(process: int) -> bool:
 
 
 def is_at(path: Path, number: int) -> bool:
-    """Whether an open file is still the one of that name."""
+    """Whether the open file of descriptor `number` is still the file at `path`."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return os.path.samestat(os.fstat(number), path.stat())
     return False
@@ -271,7 +271,7 @@ _HEAD = 2**16  # bytes
 
 
 def _picture(kind: str) -> re.Pattern[bytes]:
-    """The beginning of a PNG or EXR whose attribute names a kind."""
+    """The pattern of the first bytes of a PNG or EXR with an attribute that names a kind."""
     return re.compile(rf"(?:\x89PNG|v/1\x01).*{KIND}\0.{{0,16}}{kind}".encode("latin-1"), re.S)
 
 
@@ -299,8 +299,8 @@ def require_replaceable(
 ) -> None:
     """Refuse to replace a file or folder that must be kept.
 
-    `kind`: a key of `_BEGINNINGS`; a file of ours of that kind, or an empty one, may go;
-    `overwrite`: any may go except `inputs`, the `identities` of files that are read.
+    `kind`: a key of `_BEGINNINGS`; a file of that kind, or an empty one, may be replaced;
+    `overwrite`: any file may be, except `inputs`, the `identities` of files that are read.
     """
     if inputs and not inputs.isdisjoint(identities([path])):
         raise replaces_input(path)
@@ -324,7 +324,7 @@ def require_replaceable(
 
 
 def identities(paths: Iterable[Path]) -> frozenset[tuple[int, int]]:
-    """Device and number of each file that is there, links followed."""
+    """The (device, inode) of each existing file, links followed."""
     found = set()
     for path in paths:
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""The pupil: its kernels, sampled by exact area, its parts and their moments.
+"""The pupil, its kernels (sampled by exact area), its parts and their moments.
 
 Lens points ``u`` live in the unit disc, x to the right and y down as in the image, seen from behind
 the camera. A scene point at signed radius ``r`` is seen through ``u`` at the offset ``r u``: beyond
@@ -207,7 +207,7 @@ class Aperture:
         return light.to(radius.dtype)
 
     def _light(self, u: Tensor, r: Tensor, part: Part, view: Rim | None) -> Tensor:
-        """Light between the corners u [..., n] of pixels, not normalised: [..., n - 1, n - 1]."""
+        """Light [..., n - 1, n - 1] of pixels with corners u [..., n], not normalised."""
         x, y = part.clamp(u, u)
         light = self.outline.areas(x, y)
         # a grey pixel of a picture is not a border
@@ -227,7 +227,7 @@ class Aperture:
         return weight
 
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
-        """The light of spherical aberration in the middle of each pixel: [..., n - 1, n - 1].
+        """The factor [..., n - 1, n - 1] of light by spherical aberration, in the middle of pixels.
 
         A ray at height h ends at r (h + k h³); to first order the light changes with the square of
         h.
@@ -289,7 +289,7 @@ class Aperture:
         return _centroid(self.fixed, part, nearer=nearer)
 
     def first_moments(self, radius: float, part: Part) -> tuple[Scalar, Scalar]:
-        """The centroid of the kernel of a part, in px to the right and downwards."""
+        """The centroid (x, y) of the kernel of a part, in px to the right and downwards."""
         size = 2 * math.ceil(abs(radius)) + 1
         x, y = _mean_place(self.kernel(torch.tensor(radius, dtype=torch.float64), size, part))
         return (x, y) if self.requires_grad else (float(x), float(y))
@@ -331,5 +331,5 @@ def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
 
 
 def _is(value: Scalar, number: float) -> bool:
-    """Whether an attribute is a plain number of the value at which it has no effect."""
+    """Whether an attribute is a plain number and equals `number`, at which it has no effect."""
     return not isinstance(value, Tensor) and value == number

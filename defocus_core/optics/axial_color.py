@@ -11,7 +11,7 @@ from defocus_core.tensors.validation import Scalar, number
 
 
 def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
-    """The difference in px between the radii of a colour and those that the lens is focused for.
+    """The px to add to the signed radii of the lens for those of a colour focused elsewhere.
 
     The image of a point lies at v' behind the lens, and its circle on a sensor at v is
     A (v - v') / v' across, signed. A colour whose images lie farther behind by a shift has circles

@@ -79,7 +79,7 @@ class Rim(NamedTuple):
 
     @classmethod
     def concatenate(cls, rims: Sequence[Rim]) -> Rim:
-        """Rims of one size joined to one, with the points of all."""
+        """Rims of one size joined to a single rim, with the points of all."""
         x, y = (
             torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in positions])
             for positions in zip(*((rim.x, rim.y) for rim in rims), strict=True)
@@ -87,7 +87,7 @@ class Rim(NamedTuple):
         return cls(rims[0].size, x, y)
 
     def select(self, which: Tensor | slice) -> Rim:
-        """The rim as seen by the points of some indices; its size is common to all."""
+        """The rim as seen by the points of the given indices; the size is common to all points."""
         x, y = (torch.as_tensor(position)[which] for position in (self.x, self.y))
         return self._replace(x=x, y=y)
 
@@ -101,7 +101,7 @@ class _OffsetDisc(Outline):
     y: Scalar
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of the unit disc at the corresponding place."""
+        """The area G of the unit disc, at x and y relative to this disc."""
         left, top = (
             middle[..., None, None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)
@@ -159,7 +159,7 @@ class CatEye:
         return Rim(size, shift * -across, shift * -down)
 
     def _from_middle(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> tuple[Scalar, Scalar]:
-        """Offsets of points to the right of and below the middle, in distances of a corner."""
+        """Offsets (right, down) of points from the middle, in units of the distance to a corner."""
         height, width = frame
         corner = math.hypot(height, width * self.pixel_aspect) / 2
         return (x - width / 2) * self.pixel_aspect / corner, (y - height / 2) / corner
@@ -167,7 +167,7 @@ class CatEye:
     def centre_distance(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
         """Distance of the centres of rim and pupil for points, as `view`, in radii of the pupil.
 
-        It has a gradient to shift in the middle of the frame and at a shift of 0, too.
+        The gradient to `shift` exists in the middle of the frame and at a shift of 0, too.
         """
         rim = self.view(x, y, frame)
         distance = torch.hypot(torch.as_tensor(rim.x).detach(), torch.as_tensor(rim.y).detach())
@@ -180,7 +180,7 @@ class CatEye:
 
 
 def falloff(apart: Tensor, size: Scalar) -> Tensor:
-    """The share of a round pupil that a rim leaves open, for centres [...] radii apart."""
+    """The share [...] of a round pupil that a rim leaves open, for centres `apart` radii apart."""
     rim = torch.as_tensor(size, dtype=apart.dtype, device=apart.device)
     d, r = apart.detach().clamp(min=1e-9), rim.detach()
     first = ((d * d + 1 - r * r) / (2 * d)).clamp(-1, 1)
@@ -190,12 +190,12 @@ def falloff(apart: Tensor, size: Scalar) -> Tensor:
     fraction = (lens / math.pi).clamp(0, 1)
     if not (apart.requires_grad or rim.requires_grad):
         return fraction
-    # it loses the common chord as they part, and gains the arc as the rim grows: where circles
+    # the share loses the common chord as they part, gains the arc as the rim grows: where circles
     # touch, the formula's own derivative is 0/0
     chord, arc = 2 * (1 - first * first).sqrt(), 2 * r * second.acos()
     return fraction + (arc * (rim - r) - chord * (apart - apart.detach())) / math.pi
 
 
 def fineness(radius: float) -> int:
-    """The parts per pixel and axis that sample a clipped blur of some px evenly."""
+    """The number of samples per pixel and axis that a clipped blur of `radius` px needs."""
     return max(1, min(_MAX_FINE, math.ceil(_FINE_RADIUS / radius)))

@@ -77,7 +77,7 @@ class Distribution:
 
 
 def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
-    """The value of each option; distributions are drawn by keys like a seed and a name."""
+    """The value of each option, drawn from a distribution by keys such as a seed and a name."""
     return {
         name: option.quantile(_fraction(*keys, name))
         if isinstance(option, Distribution)

@@ -77,7 +77,7 @@ class DualPixel:
 
     @property
     def separation(self) -> Scalar:
-        """The separation of left and right as a fraction of that without crosstalk."""
+        """The distance between left and right with crosstalk, as a fraction of that without."""
         own = DUAL_PIXEL_SENSORS[self.model][1] if self.model in DUAL_PIXEL_SENSORS else 0.0
         return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
 

@@ -53,7 +53,7 @@ class Disc(Outline):
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The integral over x' <= x of clip(y, -h, h) with h = sqrt(1 - x'²).
 
-        It follows the rim for |x'| beyond a = sqrt(1 - y²) and is level between.
+        The integrand follows the rim for |x'| beyond a = sqrt(1 - y²), and is constant between.
         """
         a = _half_chord(y)
         rim, rim_at_a = _half_disc_area(x), _half_disc_area(a)
@@ -123,13 +123,13 @@ class Squeezed(Outline):
     down: Scalar  # how many times it is narrower along y, 1 or more
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The area between the same fractions of the outline."""
+        """G of the outline at widened x and y, divided by the narrowing."""
         wide, high = (x * self.across).clamp(-1, 1), (y * self.down).clamp(-1, 1)
         return self.outline.cumulative_area(wide, high) / (self.across * self.down)
 
 
 def _half_disc_area(x: Tensor) -> Tensor:
-    """Integral of sqrt(1 - t²) from -1 to x."""
+    """The integral of sqrt(1 - t²) over t from -1 to x."""
     h = _half_chord(x)
     return (x * h + torch.atan2(x, h) + math.pi / 2) / 2
 
@@ -165,7 +165,7 @@ class CurvedPolygon(Outline):
     def _within_arcs(self, x: Tensor, y: Tensor, radius: Tensor) -> Tensor:
         """The sum over arcs of the integral of min(y, height of the arc) up to x.
 
-        It counts as positive for the arcs that bound the area at large y, as for `Polygon`.
+        The integral counts as positive on arcs that bound the area at large y, as for `Polygon`.
         """
         apothem, half = math.cos(math.pi / self.sides), math.sin(math.pi / self.sides)
         # from the middle of the pupil to the centre of an arc's circle; 0 or negative
@@ -328,7 +328,7 @@ class PupilImage(Outline):
         return torch.lerp(above, under, below) / self._radius**2
 
     def _coarse_pixel(self, position: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
-        """The pixel, of `count`, that holds each place of the lens, and the place within it."""
+        """Index below `count` of the pixel at each lens position, and the place in it, 0 to 1."""
         at = (position * self._radius + middle).clamp(0, count)
         pixel = at.detach().floor().clamp(max=count - 1)
         return pixel.long(), at - pixel

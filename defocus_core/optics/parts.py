@@ -59,7 +59,7 @@ class Part:
         return 2 * self.sensitivity.mean_share(x, y)
 
     def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """Lens coordinates, moved into the part."""
+        """Lens coordinates clamped to the part."""
         return x.clamp(self.x0, self.x1), y.clamp(self.y0, self.y1)
 
 
@@ -97,7 +97,7 @@ def _bisecting_height(outline: Outline, part: Part) -> float:
 
 @lru_cache(maxsize=4096)
 def area_of(outline: Outline, part: Part) -> Any:
-    """Area of the part in units of the lens radius squared, a number unless it has a gradient."""
+    """Area of the part in lens radii squared: a number, or a tensor if gradients flow to it."""
     x = torch.tensor([part.x0, part.x1], dtype=torch.float64, device="cpu")
     y = torch.tensor([part.y0, part.y1], dtype=torch.float64, device="cpu")
     area = outline.areas(x, y)
@@ -106,7 +106,7 @@ def area_of(outline: Outline, part: Part) -> Any:
 
 @lru_cache(maxsize=256)
 def weight_of(outline: Outline, part: Part) -> Any:
-    """Area of the part times the gaussian profile, as `area_of`."""
+    """The gaussian profile integrated over the part; units and type are those of `area_of`."""
     u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64, device="cpu")
     u = u / _WEIGHING_RADIUS
     weight = (outline.areas(*part.clamp(u, u)) * gaussian(u)).sum()
@@ -116,7 +116,7 @@ def weight_of(outline: Outline, part: Part) -> Any:
 def gaussian(u: Tensor) -> Tensor:
     """exp(-|u|² / 2) at the middle of each pixel, [..., n] corners to [..., n - 1, n - 1].
 
-    Corners are clamped to the unit square, which keeps it positive for any radius.
+    Corners are clamped to [-1, 1], which keeps the result positive for any radius.
     """
     middle = middles(u)
     fall = torch.exp(-(middle**2) / 2)

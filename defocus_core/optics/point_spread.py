@@ -174,12 +174,12 @@ class PsfLens(ThinLens):
 
 
 def _cut(radii: Tensor, ks: int) -> Tensor:
-    """Where kernels of ks px cut off the blur by more than rounding."""
+    """Whether a kernel of ks px cuts off the blur of each radius: bool, shape of radii."""
     return 2 * radii.detach().abs() > ks * (1 + 1e-6)
 
 
 def _normalise(kernel: Tensor, radii: Tensor) -> Tensor:
-    """Kernels [..., ks, ks]; those that are cut off are divided by their sum."""
+    """Kernels [..., ks, ks], those that ks cuts off divided by their sum."""
     cut = _cut(radii, kernel.shape[-1])[..., None, None]
     return torch.where(cut, kernel / kernel.sum((-2, -1), keepdim=True), kernel)
 

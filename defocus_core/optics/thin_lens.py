@@ -54,7 +54,7 @@ def far_point(foclen: Tensor, fnum: Tensor, coc: Tensor) -> Tensor:
 
 
 def depth_of_field(foc_dist: Tensor, margin: Tensor, farthest: Tensor) -> tuple[Tensor, Tensor]:
-    """Near and far limit in mm, 1 / (1/s ± c / (A v)), of a focus at s mm; far may be inf.
+    """Near and far limit in mm, 1 / (1/s ± c / (A v)), for a focus at s mm; far may be inf.
 
     `margin`: the acceptable CoC by that of a disparity of 1 per mm, c / (A v); `farthest`: mm, the
     `far_point`, from which on far is inf whatever rounding leaves of disparity.
@@ -72,7 +72,7 @@ def field_of_view(side: float, foclen: Scalar) -> Scalar:
 
 
 def radii_of_each(lenses: Sequence[ThinLens], depth: Tensor) -> Tensor:
-    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, with a lens for each.
+    """Signed CoC radii [B, H, W] in px for maps [B, H, W] of depth in mm, > 0, a lens for each.
 
     One operation computes all; `d_close`, `d_far` and `sharp_range` are ignored.
     """
@@ -257,7 +257,7 @@ class ThinLens:
 
     @property
     def foc_dist(self) -> Scalar:
-        """-s in mm; computed anew from a tensor, so that each backward pass has its own graph."""
+        """The focus -s in mm; computed anew from a tensor, as each backward pass needs a graph."""
         return -(self._focus.abs() if isinstance(self._focus, Tensor) else abs(self._focus))
 
     @foc_dist.setter
@@ -298,7 +298,7 @@ class ThinLens:
         return (per_disparity / s / (2 * self.pixel_size)).detach()
 
     def _terms(self, like: Tensor) -> tuple[Tensor, Tensor]:
-        """A v in mm² and s in mm, of 0 dimensions or [B, 1, …], in dtype and device of `like`."""
+        """A v in mm² and s in mm, 0-dimensional or [B, 1, …], with dtype and device of `like`."""
         s = self._parameter("foc_dist", like).abs()
         foclen, fnum = (self._parameter(name, like) for name in ("foclen", "fnum"))
         return coc_per_disparity(foclen, fnum, s), s
@@ -394,7 +394,7 @@ class ThinLens:
         return z.clamp(minimum, maximum)
 
     def _parameter(self, name: str, other: Tensor) -> Tensor:
-        """An attribute, of 0 dimensions or [B, 1, …], in dtype and device of `other`."""
+        """An attribute as a tensor, 0-dimensional or [B, 1, …]; dtype and device are of `other`."""
         value = getattr(self, name)
         if name != "foc_dist":  # `refocus` checks it, and allows infinity
             each_positive(name, value, _UNITS)
@@ -435,7 +435,7 @@ class ThinLens:
 
 
 def _pitch(sensor_size: tuple[float, float], sensor_res: tuple[int, int]) -> float:
-    """Width of a pixel in mm, of pixels that are square to 1 %."""
+    """The width of a pixel in mm; pixels must be square to within 1 %."""
     size, res = pair("sensor_size", sensor_size), pair("sensor_res", sensor_res)
     sides = {"sensor width": size[0], "sensor height": size[1]}
     sides |= {"horizontal sensor_res": res[0], "vertical sensor_res": res[1]}

@@ -46,12 +46,12 @@ class DefocusLens(PsfLens):
             sensor_res: (width, height) in px.
             device: As for `ThinLens`.
             dtype: As for `ThinLens`.
-            aperture: The opening of all that is rendered; None for the psf_type of each call.
+            aperture: The opening in all renderings; None for that of the psf_type of each call.
             depth_unit: "mm" or "m", of the depth maps of `render_rgbd`, `render_rgbd_dp` and
                 `signed_radius`; all else is in mm.
 
         Raises:
-            ValueError: As `ThinLens`, or aperture is none.
+            ValueError: As `ThinLens`, or `aperture` is no aperture.
         """
         super().__init__(foclen, fnum, sensor_size, sensor_res, device, dtype)
         if not isinstance(aperture, Aperture | None):
@@ -75,7 +75,7 @@ class DefocusLens(PsfLens):
         psf_type: str = "pillbox",
         depth_repair: str = "auto",
     ) -> Tensor:
-        """The defocused image of an all-in-focus one with its depth.
+        """The defocused image, from an all-in-focus image and its depth.
 
         Args:
             img_obj: [B, C, H, W], scene-linear, at most as large as sensor_res.
@@ -126,7 +126,7 @@ class DefocusLens(PsfLens):
             (left, right), each [B, C, H, W].
 
         Raises:
-            ValueError: As `render_rgbd`; a map of both signs has depths that are not positive.
+            ValueError: As `render_rgbd`; depths of both signs in one map count as not positive.
         """
         rendering = render(
             rgb_img,
@@ -151,7 +151,7 @@ class DefocusLens(PsfLens):
         return self.aperture
 
     def _image_radius(self, image: Tensor, depth: Tensor, *, either_sign: bool = False) -> Tensor:
-        """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
+        """Signed radii [B, 1, H, W] px of a depth map, after a check that image and map agree."""
         planes = depth_maps(image, depth, floating(self.dtype), image.device)
         if either_sign and bool((planes < 0).all()):
             planes = -planes

@@ -1,7 +1,7 @@
 """A random lens for each picture of a batch: data augmentation that obeys the laws of the lens.
 
-A sample's lens depends on its seed and its depth alone, not on the batch, the device or the
-process that it is computed in. Lengths are in mm, radii in px.
+The lens of a sample depends on its seed and its depth alone, not on the batch, the device or the
+process. Lengths are in mm, radii in px.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ def _read_noise(name: str, value: Any) -> None:
 
 
 class DrawnOption(NamedTuple):
-    """An option of a lens that may be drawn."""
+    """An option of a lens that may be drawn at random."""
 
     default: Option
-    check: Callable[[str, Any], object]  # raises ValueError for a value that it cannot have
+    check: Callable[[str, Any], object]  # raises ValueError for a value that is not allowed
 
 
 # By name, in the order of `Lenses`, which says what they are.
@@ -119,7 +119,7 @@ def check_rim(size: Option, shift: Option) -> None:
 
 
 def _values(option: Option) -> tuple[Any, ...]:
-    """The ends of the range of an option, the values it is chosen from, or itself."""
+    """The ends of the range of an option, the values of a choice, or the one fixed value."""
     return option.values if isinstance(option, Distribution) else (option,)
 
 
@@ -160,10 +160,10 @@ class Lenses(NamedTuple):
         spherical: Spherical aberrations.
         squeeze: Squeezes.
         cat_eye_size: Radii of the rim of the barrel, in radii of the pupil.
-        cat_eye_shift: How far the rim is off the pupil in the corners, in these radii.
-        crosstalk: Shares of the light that go to the other photodiode.
+        cat_eye_shift: Distance of the rim from the pupil in the corners, in radii of the pupil.
+        crosstalk: Shares of the light of a photodiode that go to the other one.
         electrons: Mean numbers of electrons of a light of 1; inf without noise.
-        read_noise: Standard deviations of what reading adds, in electrons.
+        read_noise: Standard deviations of the noise of reading, in electrons.
     """
 
     signed_radius: Tensor
@@ -220,7 +220,7 @@ class RandomDefocus(torch.nn.Module):
 
         Raises:
             ValueError: If a distribution or a value is out of its range.
-            TypeError: If an option has a name that there is not.
+            TypeError: If there is no option of a name.
         """
         super().__init__()
         if unknown := options.keys() - OPTIONS.keys():
@@ -283,9 +283,9 @@ class RandomDefocus(torch.nn.Module):
             seeds: A whole number for each picture, or a generator to draw them from.
 
         Returns:
-            The views of the pictures, and their lenses. Of a sample, the sample: its ``image`` is
-            defocused, beside it are ``left`` and ``right``, the signed radius as ``coc``, and
-            ``lens``, numbers by name; all else stays.
+            The views of the pictures, and their lenses. Of a sample, a sample: ``image`` is
+            defocused; ``left`` and ``right`` if wanted, the signed radius as ``coc``, and ``lens``,
+            numbers by name, are added; all else is unchanged.
 
         Raises:
             ValueError: If shapes disagree, a depth is NaN or not positive, or no lens drawn for a
@@ -300,7 +300,7 @@ class RandomDefocus(torch.nn.Module):
             return self._defocused(image, depth, seeds)
 
     def _transformed(self, sample: Mapping[str, Any]) -> Sample:
-        """`forward` of a sample."""
+        """Defocus a sample of a data set, see `forward`."""
         if not sample.keys() >= {"image", "depth"}:
             wanted = "a sample must have image and depth"
             raise ValueError(f"{wanted}, got {', '.join(map(str, sample))}; rename its entries")
@@ -338,7 +338,7 @@ class RandomDefocus(torch.nn.Module):
         return views, Lenses(radii[:, None], **columns)
 
     def _settings(self, drawing: _Drawing, threads: int) -> Settings:
-        """The options of `render` for a picture that is computed in some threads."""
+        """The options of `render` for a picture with a drawn lens, in `threads` threads."""
         options, lens = drawing
         return Settings(
             aperture=aperture_with(options),
@@ -423,7 +423,7 @@ def _with_noise(
 
 
 class _Drawing(NamedTuple):
-    """A lens, and the options that it was made of by name."""
+    """A lens, and by name the options from which the lens was made."""
 
     options: dict[str, Any]
     lens: DefocusLens

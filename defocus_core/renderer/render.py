@@ -78,22 +78,22 @@ def render(
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
         matte: [B, 1, H, W], [B, H, W] or [H, W] in [0, 1], the coverage of a subject, as of a
-            segmentation: its silhouette is the edge of the depth, and its coverage there is not
-            guessed.
+            segmentation: the silhouette is the edge of the depth, and coverage there is not
+            estimated.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, 16 at least; another side changes results in the last digits.
-        infinity: Signed radius in px of infinitely far surfaces: by it edges are seen that are soft
-            in distance. None takes all for soft in disparity. One for each picture where lenses
-            differ.
+        infinity: Signed radius in px of infinitely far surfaces: it serves to find edges that are
+            soft in distance. None takes all as soft in disparity. One for each picture where
+            lenses differ.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is.
-        edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
-            that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
+        edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 means
+            that all edges are hard, and no ramp becomes a step. None: the diagnosis decides.
         dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
             aperture.
-        cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
-            as they see it, other pixels as a mean of what the corners of their region see.
+        cat_eye: The barrel that clips the aperture off the middle of the frame. A light is
+            clipped as at its pixel; other pixels are means of the blur at corners of a region.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
             see `color_offset`; different ones are rendered apart. Trust is the least of all.
         progress: Called with (tiles done, tiles in all) of each picture.
@@ -142,7 +142,7 @@ def _rendered(
     colors: list[tuple[list[int], Scalar]],
     progress: Callable[[int, int], None] | None,
 ) -> ViewTensors:
-    """One picture, its colours apart if the px that are added to their radii differ."""
+    """The views of one picture; colours are rendered apart if the px added to radii differ."""
     if len(colors) > 1 or hidden is not None:
         surface, _ = repaired(surface, settings)
         settings = replace(settings, depth_repair="off", edge_width=None)

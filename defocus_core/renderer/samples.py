@@ -1,7 +1,7 @@
 """Samples of data sets as transforms hand them on: mappings of pictures, depth, masks and more.
 
 A picture is a tensor [C, H, W], of a class of `torchvision.tv_tensors` or plain, or an array
-[H, W, C] as of albumentations; a map is [1, H, W] or [H, W]. What comes out is of the same kind.
+[H, W, C] as of albumentations; a map is [1, H, W] or [H, W]. Results are of the same kinds.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def planes_of(name: str, value: Any) -> Tensor:
 
 
 def restored(value: Any, planes: Tensor) -> Any:
-    """Planes [C, H, W] in the class and the order of what a sample had."""
+    """Planes [C, H, W] in the class, order of axes and number of axes of `value`."""
     planes = planes[0] if value.ndim == 2 else planes
     if isinstance(value, Tensor):
         return planes.as_subclass(type(value))
@@ -45,8 +45,8 @@ def mirrored(sample: Mapping[str, Any], p: float = 1.0) -> Sample:
     """A sample, mirrored from side to side; left and right are exchanged.
 
     Args:
-        sample: Pictures and maps by name, those of the dual pixels as ``left`` and ``right``; what
-            is no picture stays as it is.
+        sample: Pictures and maps by name, those of the dual pixels as ``left`` and ``right``; all
+            else is unchanged.
         p: The probability, drawn by torch's generator, which a loader seeds in each worker.
     """
     if p < 1.0 and float(torch.rand(())) >= p:

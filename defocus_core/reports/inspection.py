@@ -283,7 +283,7 @@ def summarised(pattern: Path) -> dict[str, Any]:
 
 
 def shot_line(told: Mapping[str, Any]) -> str:
-    """A summary in words."""
+    """The summary of a shot in words."""
     lost = f"{in_words(told['gaps'])} missing" if told["gaps"] else "no gaps"
     sizes = ["{}x{}".format(*each["size"]) for each in told["sizes"]]
     if len(sizes) > 1:

@@ -24,7 +24,7 @@ _RESERVED = {
 
 
 def is_label(name: str) -> bool:
-    """Whether labels may have a name: none that inputs, items or our folders in OUT begin with."""
+    """Whether a label may have a name: no kind, and not begun like an input or a folder in OUT."""
     is_free = name not in KINDS and name.partition("_")[0] not in _RESERVED
     return is_free and _LABEL.fullmatch(name) is not None
 
@@ -36,14 +36,14 @@ class PictureFiles:
     stem: str
     color: Path
     depth: Path  # its depth file; for a plate without depth its colour file
-    # a picture of what lies behind the visible surface, where known
+    # a picture of what lies behind the visible surface, where that is known
     hidden: PictureFiles | None = None
     over: PictureFiles | None = None  # the plate behind it, if it is an element
     holdout: PictureFiles | None = (
         None  # a deep picture that hides what is behind it, without being shown
     )
     matte: PictureFiles | None = None  # the coverage of its subject; the same file twice
-    frame: int | None = None  # its number in a shot
+    frame: int | None = None  # number of the frame in a shot
     carried: tuple[tuple[str, Path], ...] = ()  # labels that are put beside its outputs, by name
 
     @property
@@ -204,7 +204,7 @@ class Job:
         """Read depth as the lens needs it.
 
         Raises:
-            UsageProblem: If no output holds the named channels of light, or they lack its lamps.
+            UsageProblem: The format cannot hold `blur_channels`, or they would lack the highlights.
         """
         if self.reading.blur_channels and self.outputs.format != "exr":
             problem = f"has no effect in {self.outputs.format}, which holds the picture alone"
@@ -238,7 +238,7 @@ class Job:
 
     @property
     def names(self) -> dict[str, str]:
-        """Every file it writes, relative to the root: of each kind, kind.preview and label."""
+        """The files that the job writes, relative to the root, by kind, kind.preview and label."""
         labels = {k: f"{k}/{self.sample_id}{path.suffix}" for k, path in self.picture.carried}
         return self.outputs.names(self.sample_id) | labels
 
@@ -261,7 +261,7 @@ class Job:
 
 
 def of_views(jobs: Sequence[Job]) -> list[Job]:
-    """Jobs for each view, with its name in theirs, if ‹view› names several."""
+    """A job for each view, with its name added to the stem, if ‹view› names several."""
     if not any("," in (job.reading.view or "") for job in jobs):
         return list(jobs)
     return [

@@ -49,8 +49,8 @@ class ReadingParam(Param):
     """An option of reading."""
 
     heading: str = "Files"
-    of_pictures: bool = False  # it needs a picture or a lens, not a depth file alone
-    of_render: bool = False  # it needs outputs
+    of_pictures: bool = False  # whether it needs a picture or a lens, not a depth file alone
+    of_render: bool = False  # whether it needs outputs
 
 
 _READING = (
@@ -224,7 +224,7 @@ class OutputParam(Param):
 
     heading: str = "Output"
     suits: Callable[[Outputs], bool] = lambda _: True  # whether it applies to the outputs
-    idle: str = ""  # the problem if it does not, with ``{format}``
+    idle: str = ""  # the problem if it does not apply, with ``{format}``
     remedy: str = "leave it out"
 
 

@@ -28,8 +28,8 @@ class LensValues:
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
     the depth; `picture.focus` finds the distance. If a file holds radii instead of depth, only the
-    shape of the opening is known: focal length and f-number are NaN. So it is with ``blur``, whose
-    radii are linear in the numbers of the depth file.
+    shape of the opening is known: focal length and f-number are NaN. The same holds with ``blur``,
+    whose radii are linear in the numbers of the depth file.
     """
 
     foclen: float
@@ -40,7 +40,7 @@ class LensValues:
     blades: int = 0
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
-    # radius of the most blurred pixel in px, or as a share of the picture, instead of optics
+    # radius of the most blurred pixel, in px or as a share of the picture, in place of optics
     blur: float | SideShare | None = None
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
     blur_reach: float | None = None  # distance in numbers from the focus to the radius ``blur``
@@ -58,7 +58,7 @@ class LensValues:
     dp_model: str = "split"
     dp_kernels: Path | None = None  # measured kernels of the photodiodes, instead of a model
     dp_crosstalk: float = 0.0
-    # electrons of a light of 1, and of read noise; or that of the photograph
+    # electrons of a light of 1, and of read noise; or ``match`` for the noise of the photograph
     noise: tuple[float, float] | str | None = None
     noise_seed: int = 0
     draw: Draw | None = None  # of a random lens
@@ -66,7 +66,7 @@ class LensValues:
     focus_source: Place = field(default=CALLER, compare=False)
 
     def __init__(self, foclen: float, fnum: float, foc_dist: float | None, **others: Any) -> None:
-        """Read the sharp range as numbers of the file, beside a blur in pixels."""
+        """Set the fields; beside a blur in px, the sharp range is in numbers of the file."""
         if others.get("blur") is not None and others.get("sharp_range") is not None:
             others["sharp_range"] = Unitless(others["sharp_range"])
         for name, value in {"foclen": foclen, "fnum": fnum, "foc_dist": foc_dist, **others}.items():

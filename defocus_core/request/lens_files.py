@@ -19,7 +19,7 @@ MARK = "@"
 
 
 def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> dict[str, Given]:
-    """The wanted options of a lens file, if there is one; it has those of reading, too."""
+    """The wanted options, of lens or reading, of a lens file; empty without a file."""
     if file is None:
         return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
@@ -33,7 +33,7 @@ def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> 
 def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
     """The lens options of a file that the option at `where` names, for the lowest layer.
 
-    Beside a blur in pixels, options that decide radii are refused; beside radii, left out.
+    Beside a blur in pixels, options that decide radii are refused; beside files of radii, left out.
     """
     stored = read_lens_file(file)
     if "blur" in stored:
@@ -56,7 +56,7 @@ class ShippedLens:
 
     name: str  # as for ``--lens``, with the @
     path: Path
-    subject: str  # its first line
+    subject: str  # the first line of the file
 
 
 @cache

@@ -134,7 +134,7 @@ def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
 
 
 def others_of(paths: Mapping[str, Path], where: Place) -> Others:
-    """Colour and depth paths of pictures that belong to others, by role; ``paths``: by option."""
+    """Colour and depth paths of the other pictures of a scene, by role; ``paths``: by option."""
     for role in OTHERS:
         if f"{role}-depth" in paths and role not in paths:
             other = f"‹{role}›" if where.path is None else INPUT_OPTIONS[role].key

@@ -36,7 +36,7 @@ class Param:
     only: str = ""  # ``files`` or ``commands``, if only these have it
     help: str = ""  # help; other options are in angle quotes
     parse: Callable[[str], Any] = str  # parser of its text; raises QuantityError
-    metavar: str = ""  # placeholder of the value in help
+    metavar: str = ""  # placeholder of the value, in help
     stored_as: str = ""  # the field of its value, if not its name with underscores
     unit: str = ""  # unit of each number, which a text must have
     optional_unit: str = ""  # optional unit, which is written for people
@@ -46,8 +46,8 @@ class Param:
     choices: Sequence[str] = ()  # the words to choose from, if any
     heading: str = "Options"  # heading in help
     is_common: bool = False  # whether short help shows it
-    flag: bool = False  # it has no value: if given, the field is set to its name
-    toggle: bool = False  # a switch without a text: on, off, or not given
+    flag: bool = False  # whether it has no value: if given, the field is set to its name
+    toggle: bool = False  # whether it is a switch without a text: on, off, or not given
     words: int = 1  # number of texts on a command line
     multiple: bool = False  # whether a command line may repeat it
     is_path: bool = False  # whether it names a file, or files
@@ -100,7 +100,7 @@ class LensParam(Param):
     required: bool = False
     needs: str = ""  # the option without which it has no effect
     idle: str = ""  # the problem without that option
-    is_optics: bool = False  # it decides radii, so that it has no effect beside a file of them
+    is_optics: bool = False  # whether it decides radii: no effect beside a file of radii
     # the scale of its interpolation between keys of frames, as one number or several; empty for a
     # value that holds until the next key and is drawn by choice only
     even_in: str = "steps"

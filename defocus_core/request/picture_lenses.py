@@ -55,9 +55,9 @@ class PictureLenses:
     """The lenses of each picture."""
 
     own: Layer  # options of all pictures
-    where: Place = CALLER  # their place
-    file: Path | None = None  # a lens file, if there is one
-    file_key: str = "lens"  # place of the option that names it
+    where: Place = CALLER  # the place of these options
+    file: Path | None = None  # a lens file, or None
+    file_key: str = "lens"  # place of the option that names the file
     # radii leave only the opening; its unit is that of metadata
     reading: Reading = field(default_factory=Reading)
     animation: Animation | None = None
@@ -115,7 +115,7 @@ class PictureLenses:
 
     @property
     def is_complete(self) -> bool:
-        """Whether default blur and focus of relative depth need not be tried."""
+        """Whether no defaults of blur and focus are needed, as for relative depth."""
         fixed = self.varies or self.reading.holds_radii
         return fixed or not ("blur" in self.options or missing_options(self.options))
 
@@ -138,7 +138,7 @@ class PictureLenses:
         return lens_of(self.options)
 
     def lens_of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
-        """The lens of a picture that has one, and the options from its metadata."""
+        """The lens of a picture with one lens, and the options used of its metadata."""
         if self.fixed is not None:
             return self.fixed, {}
         options, metadata = self._options(picture, {})

@@ -102,7 +102,7 @@ def quantity(
     most: float = math.inf,
     is_positive: bool = False,
 ) -> Callable[[str], float]:
-    """A parser of a finite number times its unit, of the empty unit if it needs none."""
+    """A parser of a finite number with its unit, which is optional if `units` has an empty one."""
 
     def parse(text: str) -> float:
         match = _NUMBER.fullmatch(short(text))

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 class Given(NamedTuple):
     """The setting of an option."""
 
-    value: Any  # in mm, degrees or plain numbers; or its Distribution
+    value: Any  # in mm, degrees or plain numbers; or a Distribution of these
     text: str  # as on the command line
     place: Place  # place of the option itself
 
@@ -225,7 +225,7 @@ def missing_options(options: Layer) -> list[str]:
 
 
 def missing_words(lacking: Sequence[str]) -> str:
-    """The words that the first of some options is missing, and the others, too."""
+    """The words after the name of the first missing option, which name the others, too."""
     others = " and ".join(f"‹{name}›" for name in lacking[1:])
     return (
         f"is missing, as {'are' if len(lacking) > 2 else 'is'} {others}" if others else "is missing"

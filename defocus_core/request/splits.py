@@ -78,7 +78,7 @@ def with_recorded(
 ) -> list[Job]:
     """Jobs whose scenes keep the recorded split of their pictures, if it still exists.
 
-    Notes count what is kept against its hash and what changed, and name empty splits.
+    Notes count scenes kept against their hash, and scenes that changed, and name empty splits.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:

@@ -61,7 +61,7 @@ class Table:
         return Place(self.file, f"[{self.name}]", key)
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
-        """Refuse keys other than ``known``, as the function of that name."""
+        """Refuse keys other than ``known``, by the function `refuse_unknown`."""
         refuse_unknown(self.values, known, self.place(), f"[{self.name}]")
 
     def text(self, key: str) -> str | None:
@@ -90,7 +90,7 @@ class Table:
         return read_at(self.place(key), parse, text_of(self.values[key]))
 
     def flag(self, key: str) -> bool | None:
-        """The true or false of a key, or None."""
+        """The boolean of a key, or None."""
         value = self.values.get(key)
         if value is None or isinstance(value, bool):
             return value
@@ -128,7 +128,7 @@ def _refuse_huge(value: Any) -> None:
 
 
 def read_bytes(file: Path, what: str, remedy: str) -> bytes:
-    """The bytes of a TOML file, up to one beyond the limit."""
+    """The bytes of a TOML file, at most one more than the limit."""
     try:
         with open_plain(file) as opened:
             return opened.read(LARGEST_FILE + 1)  # bounded, as for /dev/zero

@@ -40,14 +40,14 @@ def without_collections() -> Iterator[None]:
 
 
 def held_mb() -> float:
-    """Memory that the process holds now; 0 where the system does not report it."""
+    """Memory in MB that the process holds now; 0 where the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         return _entry(_STATUS, "VmRSS:")
     return 0.0
 
 
 def available_mb(device: str = "cpu") -> float | None:
-    """Memory that can be taken without swapping or being killed; None where it is unknown."""
+    """Memory in MB that can be taken without swapping or being killed; None where unknown."""
     if device == "cuda":
         import torch
 
@@ -74,7 +74,7 @@ def _available_mb(_second: int) -> float | None:
 
 @cache
 def _limited_groups() -> list[tuple[str, str]]:
-    """The files of the groups of this process that have a limit."""
+    """Pairs of files (limit, use) of the control groups of this process that have a limit."""
     found = []
     for limit, used in _GROUPS:
         with suppress(OSError, ValueError):  # "max" is no number: no limit
@@ -84,7 +84,7 @@ def _limited_groups() -> list[tuple[str, str]]:
 
 
 def _entry(file: Path, name: str) -> float:
-    """The number of a line like ``VmRSS: 123 kB``, which means KiB, in MB."""
+    """The number in MB of a line like ``VmRSS: 123 kB``, where kB means KiB."""
     return int(file.read_text().partition(name)[2].split()[0]) * _KIB / MB
 
 

@@ -59,7 +59,7 @@ def load_torch() -> None:
 
 
 def may_have_gpu() -> bool:
-    """Whether there is a driver of a GPU that torch may find; asked without torch."""
+    """Whether there is a driver of a GPU that torch may find, as found out without torch."""
     if is_torch_loaded() or Path("/dev/kfd").exists():
         return True
     for name in ("libcuda.so.1", "nvcuda.dll"):
@@ -109,7 +109,7 @@ R = TypeVar("R")
 def spread(
     work: Callable[[T], R], pieces: Sequence[T], processes: int, subject: str
 ) -> Iterator[R]:
-    """Yield the result of each piece, in their order, as soon as it is there."""
+    """Yield the result of each piece, in the order of pieces, as soon as the result is there."""
     if processes < 2 or len(pieces) < _FEW:
         yield from map(work, pieces)
         return
@@ -191,7 +191,7 @@ def delayed_signals() -> Iterator[None]:
 
 
 class Interrupts:
-    """While the block runs, the first Ctrl-C is remembered, and a second one raises."""
+    """A context in which the first Ctrl-C is remembered, and the second one raises."""
 
     def __init__(self, *, patient: bool) -> None:
         self.asked = False

@@ -66,7 +66,7 @@ def back_words() -> str:
 
 
 def counted(count: int, one: str) -> str:
-    """A number of things: ``1 job``, ``2 jobs``."""
+    """A count with its noun in singular or plural, like ``1 job``, ``2 jobs``."""
     return f"{count} {one}" if count == 1 else f"{count} {one}s"
 
 
@@ -79,7 +79,7 @@ _LOGGER = getLogger("defocus_core")
 
 
 def note(line: str) -> None:
-    """One line for the user, as a warning: Python prints it on stderr if nobody listens."""
+    """Log a line for the user as a warning, which Python prints on stderr without a handler."""
     _LOGGER.warning("%s", line)
 
 

@@ -53,7 +53,7 @@ class Box(NamedTuple):
         return self.enlarged(-by)
 
     def seen_from(self, other: Box) -> Box:
-        """The same rectangle counted from the corner of another."""
+        """The same rectangle, with its place counted from the upper left corner of another."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
     def crop(self, picture: Tensor) -> Tensor:
@@ -69,7 +69,7 @@ class Span(NamedTuple):
 
     @property
     def length(self) -> int:
-        """The number of samples; not positive if there are none."""
+        """The number of samples; 0 or negative if there are none."""
         return self.end - self.first
 
     def intersection(self, other: Span) -> Span:
@@ -109,7 +109,7 @@ class Grid(NamedTuple):
         return Box(first.top, first.left, height, width)
 
     def seen_from(self, other: Box) -> Grid:
-        """The same tiles counted from the corner of another rectangle."""
+        """The same tiles, with places counted from the upper left corner of a rectangle."""
         return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
 
 

@@ -140,7 +140,7 @@ def _lit(
     gain: Scalar,
     minimum: float,  # the threshold as a plain number
 ) -> tuple[Tensor, int]:
-    """Light with that of its lamps, and the number of these."""
+    """The light [C, H, W] with that of its lamps added, and the number of lamps."""
     levels = [pair for pair in pairwise(_LEVELS) if pair[1] > minimum]
     sharp = float((_SHARP * blur.amax()).clamp(*_SHARP_PX))
     frame = _LightFrame(light.detach(), light.detach().amax(0), blur, sharp)
@@ -180,9 +180,9 @@ class _LightFrame(NamedTuple):
     """A picture among whose pixels there may be lamps."""
 
     light: Tensor  # [C, H, W]
-    bright: Tensor  # [H, W], its brightest channel
+    bright: Tensor  # [H, W], the brightest channel of the light
     blur: Tensor  # [H, W] px
-    sharp: float  # px of it up to which a blob is in focus
+    sharp: float  # greatest blur in px of a blob in focus
 
     def blobs_within(self, runs: Runs) -> _SmallBlobs:
         """The blobs of runs that are small enough."""
@@ -224,14 +224,14 @@ def _beside(frame: _LightFrame, row: Tensor, column: Tensor, level: float) -> It
 class _Lamps(NamedTuple):
     """Estimates of the lamps behind blobs."""
 
-    fraction: Tensor  # [n] how far it is one, 0 to 1
-    clipped: Tensor  # [n] share of it that is clipped
+    fraction: Tensor  # [n] how far the blob is a lamp, 0 to 1
+    clipped: Tensor  # [n] share of the blob that is clipped
     disc: Tensor  # [n] area of the blob as a share of that of its blur disc
     hue: Tensor  # [C, n] colour of the rim, whose brightest channel is 1
     says_hue: Tensor  # [n] how far there is a rim, 0 to 1
 
     def gain(self, gain: Scalar) -> Tensor:
-        """The gain [n] of each lamp, given that of a wholly clipped one."""
+        """The gain [n] of each lamp, given the gain of a lamp that is wholly clipped."""
         own = 1 + (gain - 1) * self.clipped * (1.5 - 0.5 * self.clipped)
         over = ((own * self.disc - _KNEE) / (_BRIGHTEST - _KNEE)).clamp(min=0)
         shown = _KNEE + (_BRIGHTEST - _KNEE) * over.tanh()
@@ -241,8 +241,8 @@ class _Lamps(NamedTuple):
 def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
     """Sums of number, brightness, weight and weighted light [3 + C, m] of pixels beside blobs.
 
-    They are the mean of those to the sides and of those above and below, so that a turned picture
-    has the same.
+    Each sum is the mean of that to the sides and that above and below, so that a turned picture
+    has the same sums.
     """
     light, bright, (height, width) = frame.light, frame.bright, frame.bright.shape
     runs, number, (row, column, blob), _ = blobs
@@ -310,7 +310,7 @@ def _length(blobs: _SmallBlobs) -> Tensor:
 
 
 def _interpolated(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
-    """Bounds of blobs, interpolated from those of coloured ones (0) to those of white ones (1)."""
+    """Bounds of blobs, interpolated from coloured blobs (share 0) to white blobs (share 1)."""
     return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
 
 
@@ -340,12 +340,12 @@ class Runs(NamedTuple):
         return cls(row, first, torch.nonzero(steps < 0)[:, 1], mask.shape[1] + 2)
 
     def holding(self, row: Tensor, column: Tensor) -> Tensor:
-        """The number of the run that holds each pixel of the mask."""
+        """The index of the run that holds each given pixel of the mask."""
         firsts = self.row * self.stride + self.first
         return torch.searchsorted(firsts, row * self.stride + column, right=True) - 1
 
     def blobs(self) -> Tensor:
-        """The number of the blob of each run, from 0 on."""
+        """The index [n] of the blob to which each run belongs, from 0 on."""
         one, other = self._touching()
         label = torch.arange(len(self.row), device=self.row.device)
         while True:
@@ -362,7 +362,7 @@ class Runs(NamedTuple):
                 label = root
 
     def _touching(self) -> tuple[Tensor, Tensor]:
-        """Pairs of runs of neighbouring rows that share a side or a corner."""
+        """Indices of both runs of each pair in neighbouring rows that shares a side or a corner."""
         firsts, limits = self.row * self.stride + self.first, self.row * self.stride + self.end
         low = torch.searchsorted(limits, firsts + self.stride)
         high = torch.searchsorted(firsts, limits + self.stride, right=True)

@@ -26,12 +26,12 @@ _CACHED = 1 << 25
 
 
 def launches_cost(device: torch.device) -> bool:
-    """Whether launches and waits are slow on a device, as on a GPU."""
+    """Whether a device, such as a GPU, is slow to begin operations and to wait for."""
     return device.type != "cpu"
 
 
 def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
-    """Numbers as a tensor of the dtype and device of another, without synchronisation.
+    """Numbers as a tensor of the dtype and device of `like`, sent without synchronisation.
 
     An ordinary copy waits until the device has done all work before it.
     """
@@ -101,7 +101,7 @@ def in_bands(
 ) -> Tensor:
     """A picture [..., H, W], computed by a function of boxes in bands of rows.
 
-    `margin`: px around a box on which its pixels depend; bands are much higher.
+    `margin`: px around a box on which the pixels in the box depend; bands are much higher.
     """
     rows = bands_of(size, device, _BAND_OF_MARGIN * margin)
     boxes = [Box.from_spans(Span(*band), Span(0, size[1])) for band in rows]

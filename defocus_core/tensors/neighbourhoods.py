@@ -33,7 +33,7 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
 
 
 def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Sizes of steps along an axis: of the step before, of the step itself, and of the step after.
+    """Sizes of the step before, the step itself and the step after, for steps along an axis.
 
     n pixels have n - 3 steps that lie between two others.
     """
@@ -58,7 +58,7 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 
 
 def _shifted_extreme(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
-    """The extreme of each value and the values `step` px before and after it, cut at the ends."""
+    """The extreme of each value and of those `step` px before and after, as far as they exist."""
     extreme, n = values.clone(), values.shape[dim]
     rest = n - step
     parts = [((step, rest), (0, rest)), ((0, rest), (step, rest))]
@@ -84,7 +84,7 @@ HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
-    """The border between each near and far radius; the radius in the middle is on the far side."""
+    """The radius that divides each near and far radius; the exact middle is on the far side."""
     return near + (far - near) * HALFWAY
 
 
@@ -109,7 +109,7 @@ def masked_values(values: Tensor, mask: Tensor) -> Tensor:
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
-    """The count [kinds] of each number from 0 in [n], without synchronisation."""
+    """The count [kinds] of each of 0 to kinds - 1 among numbers [n], without synchronisation."""
     if not launches_cost(numbers.device):
         return torch.bincount(numbers, minlength=kinds)
     counts = torch.zeros(kinds, dtype=torch.long, device=numbers.device)

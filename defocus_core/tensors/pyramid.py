@@ -23,13 +23,13 @@ class Axis(NamedTuple):
 
 
 def position_of(pixel: float, fine: Axis, coarse: Axis, level: int) -> float:
-    """The place of a pixel among coarse pixels, along one axis."""
+    """The position of a pixel along one axis, as a fractional index of coarse pixels."""
     offset = 0.0 if fine.odd else 0.5
     return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << level)
 
 
 def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
-    """The middle of a frame of (height, width), counted from a pixel of it."""
+    """The middle (down, across) of a frame (height, width), counted from pixel (top, left)."""
     down, across = (
         Axis(n // 2 - start, n % 2 == 1) for n, start in zip(size, (top, left), strict=True)
     )
@@ -37,12 +37,12 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
 
 
 class AxisHalving(NamedTuple):
-    """The halving of one axis: pixels to add for whole coarse px, and the coarse px."""
+    """The halving of one axis: the pixels to pad for whole coarse pixels, and the result."""
 
     before: int  # pixels missing at the beginning
     after: int  # pixels missing at the end
     length: int  # number of coarse pixels
-    axis: Axis  # the middle of the frame among them
+    axis: Axis  # the middle of the frame among coarse pixels
 
 
 def halves(length: int, axis: Axis) -> AxisHalving:
@@ -54,7 +54,7 @@ def halves(length: int, axis: Axis) -> AxisHalving:
 
 
 def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: float) -> Tensor:
-    """Values [..., H, W] padded by a value to whole coarse pixels."""
+    """Values [..., H, W] padded with `value` to whole coarse pixels."""
     missing = (across.before, across.after, down.before, down.after)
     return torch.nn.functional.pad(values, missing, value=value) if any(missing) else values
 
@@ -79,7 +79,7 @@ def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
-    """The same along one axis."""
+    """Sums of the pixels of each coarse pixel along one axis."""
     even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
     other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
     if not odd:
@@ -110,17 +110,17 @@ def averaged(
 
 
 class AxisWeights(NamedTuple):
-    """The coarse pixels next to each of P pixels along an axis, and their shares in it."""
+    """The coarse pixels next to each of P pixels along an axis, and their weights in the pixel."""
 
-    taps: Tensor  # [T, P] their numbers
+    taps: Tensor  # [T, P] indices of coarse pixels
     share: Tensor  # [T, P]; 0 of coarse pixels that are missing
 
 
 def cubic_weights(first: float, pixels: int, step: float, length: int, like: Tensor) -> AxisWeights:
-    """The cubic of Keys 1981 with a = -1/2, of `length` coarse pixels.
+    """The weights of cubic interpolation (Keys 1981, a = -1/2) of `length` coarse pixels.
 
-    `first`: the place of the first of so many pixels among coarse pixels; `step`: from one pixel to
-    the next.
+    `first`: position of the first of `pixels` pixels among coarse pixels; `step`: coarse pixels
+    from one pixel to the next.
     """
     away, index = _taps(first, pixels, step, 2)
     near = (1.5 * away - 2.5) * away * away + 1
@@ -133,13 +133,13 @@ def cubic_weights(first: float, pixels: int, step: float, length: int, like: Ten
 def linear_weights(
     first: float, pixels: int, step: float, length: int, like: Tensor
 ) -> AxisWeights:
-    """Linear interpolation, without overshoot beside an edge; arguments of `cubic_weights`."""
+    """The weights of linear interpolation, without overshoot; arguments as for `cubic_weights`."""
     away, index = _taps(first, pixels, step, 1)
     return _weights((1 - away).clamp(min=0), index, length, like)
 
 
 def _taps(first: float, pixels: int, step: float, reach: int) -> tuple[Tensor, Tensor]:
-    """Distances [T, P] from pixels to the coarse pixels in reach, and the numbers of these."""
+    """Distances [T, P] from pixels to the coarse pixels in reach, and indices of coarse pixels."""
     position = torch.arange(pixels, dtype=torch.float64) * step + first
     index = position.floor() + torch.arange(1 - reach, reach + 1)[:, None]
     return (position - index).abs(), index.long()
@@ -165,7 +165,7 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
 def linear(
     coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
 ) -> Tensor:
-    """Coarse pixels [h, w] interpolated linearly in a window of a picture of a size."""
+    """Coarse pixels [h, w] interpolated linearly at rows and columns of a picture of `size`."""
     values = coarse
     for dim, (first, end) in enumerate((rows, columns)):
         before, after, fraction = coarse_neighbours(coarse, dim, first, end, size[dim])
@@ -177,7 +177,7 @@ def linear(
 def coarse_neighbours(
     coarse: Tensor, dim: int, first: int, end: int, length: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The coarse pixels before and after each pixel of an axis, and its fraction of the way."""
+    """Indices of the coarse pixels before and after each pixel, and the weight of the one after."""
     count = coarse.shape[dim]
     position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5
     position = (position * count / length - 0.5).clamp(0, count - 1)

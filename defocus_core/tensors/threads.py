@@ -46,7 +46,7 @@ def carried(work: Callable[[T], R]) -> Callable[[T], R]:
 def graph_break(function: Callable[P, R]) -> Callable[P, R]:
     """The same function, excluded from a caller's `torch.compile`.
 
-    Its work depends on the values of tensors: compiling it takes minutes, and fails.
+    The work depends on the values of tensors: its compilation takes minutes, and fails.
     """
     uncompiled: Callable[P, R] | None = None
 

@@ -22,7 +22,7 @@ def off_round(bound: float) -> float:
 
 
 def tied(a: Tensor, b: Tensor | float) -> Tensor:
-    """Where two values are equal but for rounding."""
+    """Whether values of two tensors are equal but for rounding: bool."""
     a = a.detach()
     difference = a - (b.detach() if isinstance(b, Tensor) else b)
     tolerance = max(_ROUNDINGS * torch.finfo(a.dtype).eps, _LEAST)
@@ -30,5 +30,5 @@ def tied(a: Tensor, b: Tensor | float) -> Tensor:
 
 
 def with_gradient(values: Tensor, of: Tensor) -> Tensor:
-    """The values, with the gradient of others, which they equal but for rounding."""
+    """The values, with the gradient of `of`, which equals the values but for rounding."""
     return values.detach() + (of - of.detach())

@@ -17,7 +17,7 @@ _LETTERS = 60
 
 
 def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
-    """A whole number of at least so much; 3.0 is one."""
+    """The value as an int of at least `minimum`; 3.0 is accepted as 3."""
     number = int(value) if isinstance(value, float) and value.is_integer() else value
     try:
         if isinstance(value, bool):
@@ -100,14 +100,14 @@ def backward_only(name: str, value: Any) -> None:
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False."""
+    """The value, checked to be True or False."""
     if isinstance(value, bool):
         return value
     raise ValueError(f"{name} must be True or False, got {described(value)}; bool() makes it one")
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """One of the choices."""
+    """The value, checked to be one of the choices."""
     if isinstance(value, str) and value in choices:
         return value
     instead = remedy("value", value, name.replace("_", "-"))
@@ -118,7 +118,7 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
 
 
 def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:
-    """A width and a height."""
+    """The two sides, checked to be a width and a height."""
     try:
         width, height = sides
     except (TypeError, ValueError):
@@ -147,7 +147,7 @@ def device_named(named: torch.device | str | None) -> torch.device:
 
 
 def floating(dtype: Any) -> torch.dtype:
-    """A floating-point type."""
+    """The dtype, checked to be a floating-point type."""
     if isinstance(dtype, torch.dtype) and dtype.is_floating_point:
         return dtype
     raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
@@ -235,7 +235,7 @@ def broadcast(first: torch.Size, second: torch.Size) -> bool:
 
 
 def distance_within(name: str, limits: Any, z: Tensor) -> Tensor:
-    """Whether distances z in mm lie within limits, inclusive."""
+    """Whether distances z in mm lie within limits (nearest, farthest) in mm, inclusive: bool."""
     wanted = f"{name} must be (nearest, farthest) in mm, got {described(limits)}; None is no range"
     if not (isinstance(limits, Sequence) and len(limits) == 2):
         raise ValueError(wanted)

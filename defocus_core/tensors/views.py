@@ -62,7 +62,7 @@ class ViewTensors(NamedTuple):
 
 
 def assemble(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
-    """Rows of views that lie side by side, joined to one."""
+    """The views of a whole picture, joined from rows of views that lie side by side."""
     parts = [part for row in rows for part in row]
     first, last = parts[0].box, parts[-1].box
     kinds = range(len(parts[0].images))
@@ -89,7 +89,7 @@ def batch(pictures: Sequence[ViewTensors]) -> ViewTensors:
 
 
 def no_pictures(pixels: Tensor, kinds: int) -> ViewTensors:
-    """The views of an empty batch [0, C, H, W], of so many images each."""
+    """The views of an empty batch [0, C, H, W], with `kinds` images."""
     box = Box(0, 0, *pixels.shape[-2:])
     return ViewTensors([pixels.clone() for _ in range(kinds)], pixels[:, :1].clone(), {}, box)
 
@@ -103,16 +103,16 @@ def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
 
 
 def _assembled(rows: list[list[Tensor]]) -> Tensor:
-    """Rows of pictures [..., h, w] that lie side by side, joined to one."""
+    """One picture [..., H, W], joined from rows of pictures [..., h, w] side by side."""
     return torch.cat([torch.cat(row, -1) for row in rows], -2)
 
 
 def of_channels(
     colors: list[ViewTensors], offsets: list[tuple[list[int], float | Tensor]]
 ) -> ViewTensors:
-    """The views of all channels in order; the trust is the least of all channels.
+    """The views of all channels in order, from renderings of some; the trust is the least.
 
-    `offsets`: the channels of each rendering, and the px that were added to its radii.
+    `offsets`: the channels of each rendering, and the px that were added to the radii for it.
     """
     order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
     images = [

@@ -55,7 +55,7 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
 
 
 class SampleList:
-    """Samples of a finished batch, each read on access: a few bytes each, also in copies."""
+    """Samples of a finished batch, read on access; the list holds a few bytes of each."""
 
     def __init__(self, out: Path, wanted: Callable[[Mapping[str, Any]], bool]) -> None:
         """Find the samples in ``out`` that are wanted by their lines of the index."""
@@ -74,7 +74,7 @@ class SampleList:
         return len(self._offsets)
 
     def __getitem__(self, index: int) -> Sample:
-        """A sample, unless the index has changed since."""
+        """The sample at a position; an error if the index has changed since."""
         offset = self._offsets[index]
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:

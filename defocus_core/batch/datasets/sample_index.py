@@ -2,13 +2,13 @@
 
 ``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
 further picture that they can decode is ``<kind>_file_name``. They call the column of ``file_name``
-image; beside the sharp picture, whose kind is image, it is ``<kind>_file_name``, too. A key has
-one type in every line, null where there is nothing to say, so that it reads as a table. It holds no
-time and no place of OUT.
+image; with the sharp picture, whose kind is image, every key is ``<kind>_file_name`` instead. A key
+has one type in every line, null without a value, so that the index reads as a table. The index
+holds no time and no place of OUT.
 
 Beside it is the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
-head of README.md names them. What is null in one split alone would be of two types there, so these
-lists, and tars, have rows: the columns alone that all samples have.
+head of README.md names them. A column that is null in one split would have two types there, so
+these lists, and tars, hold rows: the columns for which every sample has a value.
 """
 
 from __future__ import annotations

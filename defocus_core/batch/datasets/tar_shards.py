@@ -168,7 +168,7 @@ def _size(out: Path, name: str) -> int:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Tell that a file cannot be packed, as it is gone or a link."""
+    """Name a file that cannot be packed in the error, as it is gone or a link."""
     try:
         yield
     except OSError as error:

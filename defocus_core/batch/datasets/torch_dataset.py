@@ -118,7 +118,7 @@ class BatchDataset(Dataset[Item]):
 
         Raises:
             InputError: A file cannot be read, or differs in size from the index.
-            IndexError: There are not so many.
+            IndexError: There are fewer samples.
         """
         sample = self.samples[index]
         width, height = sample.size

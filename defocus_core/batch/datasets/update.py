@@ -94,7 +94,7 @@ def _written(out: Path, records: Iterable[Record]) -> list[Path]:
 
 
 def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
-    """The records of samples whose files are all in OUT, and a note that counts the others."""
+    """The records of samples whose files are all in OUT; a note counts the other samples."""
     gone = list[str]()
     for name, mine in groupby(records, lambda record: record.sample_id):
         every = [*mine]

@@ -78,7 +78,7 @@ class JournalFile:
             raise cannot_read(path, error, "check its permissions, or copy it again") from error
 
     def lines(self) -> Iterator[tuple[int, Record, bytes]]:
-        """Offset, record and text of the lines except blank ones and one whose writer died."""
+        """Offset, record and text of each line, except blank lines and a torn last line."""
         linked, lines = linked_folders(self.path.parent), enumerate(self._file or (), 1)
         for number, text in lines:
             begin = self.end
@@ -115,12 +115,11 @@ class Ledger:
 
     A record names all files that its job writes. A record of pictures is superseded when later
     records name all of its files but previews; a record without outputs, as soon as another one
-    names any of its files. The ledger keeps the
-    files and the offset of a record, some 300 bytes.
+    names any of its files. The ledger keeps the files and the offset of a record, some 300 bytes.
     """
 
     def __init__(self, out: Path, *, is_empty: bool = False) -> None:
-        """Read the journals of OUT, then those of shards; none for a picture without one."""
+        """Read the journal of OUT, then those of shards; read none if `is_empty`."""
         self.out = out
         self.splits: dict[str, tuple[str, ...]] = {}  # those that pictures were in, by their stems
         self.last: dict[str, int] = {}  # number of the valid record by file, relative to OUT
@@ -174,7 +173,7 @@ class Ledger:
         return path in self._once or self.is_ok(self.last.get(path))
 
     def number_of(self, paths: Iterable[str]) -> int | None:
-        """The number of the valid record of all of these files, or None."""
+        """The number of the record that is the last of each of these files, or None."""
         number, *others = {self.last.get(path) for path in paths}
         return None if others else number
 
@@ -191,7 +190,7 @@ class Ledger:
                 yield number
 
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
-        """The live records by name, oldest first, with their live outputs; `only` of some names."""
+        """The live records by name, oldest first, with their live outputs; `only`: some names."""
         wanted = (n for n in self.live() if only is None or self._samples[n] in only)
         for number in sorted(wanted, key=self._samples.__getitem__):
             record = self.record(number)
@@ -227,7 +226,7 @@ class Journal:
     """A journal to append records to. Its one writer holds the lock of OUT."""
 
     def __init__(self, path: Path, end: int, began: Callable[[], bool] = lambda: False) -> None:
-        """Open the journal, which if empty stays where outputs were begun.
+        """Open the journal; closed without a record, it is removed unless `began` is true.
 
         `end`: the offset behind the last record; what follows was torn when its writer died.
         """

@@ -26,10 +26,10 @@ class Progress:
 
     jobs: int
     left: int  # jobs of open runs that are not done
-    again: int  # how many of these ended before: they failed, or inputs or settings changed
+    again: int  # how many of `left` ended before: failed, or with changed inputs or settings
     ok: int
     failed: int
-    reasons: dict[str, int]  # numbers of failed jobs
+    reasons: dict[str, int]  # number of failed jobs by reason
     running: list[str]  # the processes that hold a lock, in words
     shards: dict[str, Any] | None  # numbers of the begun ones, and of how many; None without any
     failures: list[dict[str, Any]]  # sample_id, status, reason, message, oldest first

@@ -188,7 +188,7 @@ def record_of(line: bytes, linked: frozenset[str] = frozenset()) -> Record:
 
 
 def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
-    """What is wrong with the path of an output in OUT, also of a label among the inputs, if any."""
+    """The fault of the path of an output in OUT, which may be of a label in `inputs`; or None."""
     fault = path_fault(path)
     if fault is not None:
         return fault
@@ -203,7 +203,7 @@ def linked_folders(out: Path) -> frozenset[str]:
 
 
 def _require_lens(lens: dict[str, Any]) -> None:
-    """Refuse a lens that cannot be put into words; the rows of its effects check them."""
+    """Refuse a lens that cannot be put into words; effects are checked by their rows."""
     convert(lens, _Lens)
     effects = (value for key, value in lens.items() if key not in _Lens.__struct_fields__)
     try:

@@ -72,7 +72,7 @@ def settings(job: Job) -> dict[str, Any]:
 def changed_settings(
     old: Mapping[str, Any], new: Mapping[str, Any]
 ) -> Iterator[tuple[str, object, object]]:
-    """The differing settings, by names like lens.fnum: old and new value."""
+    """The name, like lens.fnum, the old and the new value of each setting that differs."""
     was, now = _flat(old), _flat(new)
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
@@ -171,8 +171,8 @@ AGAIN = {
 def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> tuple[str | None, Stamps | None]:
     """The reason to do a job again, in words, empty if it is new; None if it is done.
 
-    The second value is given if the record of a finished job must be updated: its moved inputs, or
-    none if only its split changed.
+    The second value has the moved inputs of a finished job whose record must be updated (empty if
+    only the split changed), else it is None.
     `read_inputs`: compare the bytes of the inputs, not only size and time.
     """
     names = job.names
@@ -209,7 +209,7 @@ def _changed(job: Job, record: Record) -> str:
 
 
 def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[str, Stamp] | None:
-    """The inputs of a record that have moved; None if one has changed."""
+    """The stamps of the inputs that have moved, by role; None if an input has changed."""
     moved = {}
     for role, path in job.files.items():
         stamp = record.inputs.get(role, Stamp())
@@ -225,7 +225,7 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
 
 
 def other_words(job: Job, record: Record, out: Path, *, keep_lenses: bool) -> str:
-    """The other picture, or other lens with ``keep_lenses``, of a record of the same files."""
+    """Words on the other picture or, with ``keep_lenses``, lens of a record; empty if the same."""
     before = out.resolve() / record.inputs["color"].path
     if before.exists() and before.resolve() != job.picture.color.resolve():
         return f"made of another picture, {before.resolve()}"

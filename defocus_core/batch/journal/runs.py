@@ -50,7 +50,7 @@ def lock_path(out: Path, shard: Shard | None = None) -> Path:
 
 @contextmanager
 def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
-    """Hold the lock of an existing OUT, or of a shard, while the block runs."""
+    """Hold the lock of an existing OUT, or of a shard, in the block; yields a check of it."""
     path = lock_path(out, shard)
 
     def require_held() -> None:
@@ -83,7 +83,7 @@ def own_words() -> str:
 
 
 def is_held_by(out: Path, words: str) -> bool:
-    """Whether a process, maybe on another machine, holds a lock of OUT, by its name."""
+    """Whether the process named `words`, maybe on another machine, holds a lock of OUT."""
     with suppress(OSError):
         for path in out.glob(".journal*.lock"):
             with suppress(FileNotFoundError):  # of another shard, which ended
@@ -150,7 +150,7 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
-    """Note a run by its `OpenRun.jobs`, on all of OUT in place of the notes of shards."""
+    """Write the note of a run; that of a run on all of OUT replaces the notes of shards."""
     path = run_path(out, shard)
     with written_whole(path) as file:
         file.write(encode(OpenRun(jobs)) + b"\n")

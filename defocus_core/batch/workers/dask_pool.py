@@ -65,7 +65,7 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
 
 
 class _Cluster:
-    """Chunks submitted to a scheduler, which blames all chunks that waited at a dead worker."""
+    """Chunks submitted to a scheduler, which also fails chunks that only waited at dead workers."""
 
     def __init__(self, client: Any, futures: Any, threads: int | None) -> None:
         self.client, self.futures, self.threads = client, futures, threads

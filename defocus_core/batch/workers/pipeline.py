@@ -123,7 +123,7 @@ def execute(
     stopped: Callable[[], bool],
     progress: TileCount | None = None,
 ) -> None:
-    """Do the jobs of a batch in this process, and restore its settings; one job uses no threads.
+    """Do the jobs of a batch in this process, then restore its settings; one job uses no threads.
 
     `progress`: called with (tiles done, tiles in all) of a lone job.
     """

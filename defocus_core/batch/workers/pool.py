@@ -1,7 +1,7 @@
 """Jobs on workers that may die, like processes on this machine.
 
 Any of the jobs of a worker that dies (a crash in a decoder, lack of memory) may have killed it.
-Each of them is done again after the other jobs, alone; a job fails whose worker then dies, too. A
+Each of them is done again after the other jobs, alone; a job whose worker then dies, too, fails. A
 process that dies is replaced if there is work.
 """
 
@@ -226,25 +226,25 @@ class _Worker:
 
     @property
     def has_room(self) -> bool:
-        """Whether it accepts another chunk."""
+        """Whether the process accepts another chunk."""
         return self.ready and not self.stopping and len(self.flight) < AT_ONCE
 
     def send(self, chunk: Chunk) -> None:
-        """Send it jobs."""
+        """Send jobs to the process."""
         self.flight |= dict(chunk)
         with suppress(OSError):  # it is dead; `collect` handles it
             for numbered in chunk:
                 self.connection.send(numbered)
 
     def stop(self) -> None:
-        """End it after the begun jobs."""
+        """End the process after the begun jobs."""
         if not self.stopping:
             self.stopping = True
             with suppress(OSError):
                 self.connection.send(None)
 
     def kill(self) -> None:
-        """End it at once."""
+        """End the process at once."""
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)

@@ -73,17 +73,17 @@ class Plan:
     settled: array[int] = field(default_factory=_numbers)
     due: array[int] = field(default_factory=_numbers)
     later: array[int] = field(default_factory=_numbers)
-    # of settled jobs: inputs that have moved, or empty if the split changed
+    # inputs of settled jobs that have moved, by number of the job; empty if the split changed
     moved: dict[int, Stamps] = field(default_factory=dict)
     again: Counter[str] = field(default_factory=Counter)  # reasons to do jobs again, in words
     kept: Counter[str] = field(default_factory=Counter)  # reasons of changed jobs that are kept
 
     def jobs_of(self, *numbers: Iterable[int]) -> Iterator[Job]:
-        """The jobs of numbers."""
+        """The jobs with the given numbers."""
         return (self.jobs[number] for number in chain(*numbers))
 
     def recorded(self, number: int) -> Record:
-        """The record of a settled job."""
+        """The record of a job that is done or kept."""
         found = self.ledger.number_of(self.jobs[number].names.values())
         assert found is not None
         return self.ledger.record(found)
@@ -117,7 +117,7 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
 
 
 def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
-    """Tell finished jobs of a plan from those to do, now or beyond the limit; all if forced."""
+    """Sort jobs of a plan into those done, due and beyond the limit; if forced, none are done."""
     ledger = plan.ledger
     decided = partial(resume.decided, ledger=ledger, read_inputs=execution.read_inputs)
     for number, job in enumerate(plan.jobs):
@@ -228,7 +228,7 @@ def _check_folders(outputs: Outputs, mode: int) -> None:
 
 @dataclass
 class Summary:
-    """The result of a batch: jobs by status, without those finished before."""
+    """The result of a batch: jobs by status, without jobs that were finished before."""
 
     jobs: int = 0
     skipped: int = 0
@@ -252,7 +252,7 @@ def run(
     ended: Callable[[Job, Record], None] | None = None,
     planned: Callable[[Plan], None] | None = None,
 ) -> Summary:
-    """Do jobs that write to OUT. A lone job of one file needs no lock and no journal.
+    """Do jobs that write to OUT; a lone job of one file needs no lock and no journal.
 
     `ended`: called with each job that has ended, and is in the journal; `planned`: called before
     the first job.
@@ -321,7 +321,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index of the requested samples, or of those that it listed before."""
+    """Write the index of the requested samples, or of those that the old index listed."""
     plan, summary, execution = state.plan, state.summary, state.execution
     out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:
@@ -341,7 +341,7 @@ def _index(asked: Collection[str], state: _State) -> None:
 
 
 def _tell_backs(state: _State) -> None:
-    """Warn that pictures of another back stay beside those of this run."""
+    """Warn if earlier pictures that stay in OUT were rendered by another back than this run."""
     ledger, made = state.plan.ledger, state.backs
     stay = ledger.live() if state.plan.settled and made else ()
     before = {ledger.outcomes[number].back for number in stay} - {""}
@@ -383,7 +383,7 @@ class _State:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Do jobs in the block, unless stopped."""
+        """Note signals to stop, and the time, while jobs are done in the block."""
         start = time.perf_counter()
         try:
             with self.interrupts:

@@ -1,9 +1,8 @@
 """Sampled pixels of a pair, on which explanations of a difference are tested.
 
-An explanation predicts B from A. Its residual is measured at pixels
-that did not choose its parameters: blocks of 16 px alternate. The scale is sRGB up to 1 and
-logarithmic beyond, so that a few highlights do not decide. Rounding is subtracted only in the share
-that is explained.
+An explanation predicts B from A. Of blocks of 16 px, every other one chooses its parameters, and
+the rest measure its residual. The scale of differences is sRGB up to 1 and logarithmic beyond, so
+that a few highlights do not decide. Rounding errors are subtracted only in the explained share.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ class Explanation:
     name: str  # of the finding
     how: str = ""  # words after the name in the finding
     values: Mapping[str, Any] = field(default_factory=dict)  # parameters, for programs
-    # residual of what neighbours have in common, so that noise is left out
+    # residual in what neighbours have in common, which leaves noise out
     but_noise: float = math.inf
 
     @property
@@ -60,7 +59,7 @@ class Evidence:
     Attributes:
         names: the channels that differ.
         types: number types of B.
-        others: channels of files beside that of A, by the finding that B is one of these.
+        others: channels of each file beside that of A, by the finding that B is this file.
         codecs: compression of the files of A and of B.
         is_light: whether a channel that differs is colour.
         is_small: whether there are so few pixels that explaining half of them may be chance.
@@ -100,7 +99,7 @@ class Evidence:
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
-        """Pixels per sample [N], since differing ones are sampled more densely."""
+        """The weight of each sample [N], as pixels that differ are sampled more densely."""
         differs = self.pixels.greatest[self.places] > 0
         share, there = float((self.pixels.greatest > 0).mean()), float(differs.mean())
         weights = np.where(differs, share / max(there, 1e-9), (1 - share) / max(1 - there, 1e-9))
@@ -109,7 +108,7 @@ class Evidence:
 
     @cached_property
     def fits(self) -> NDArray[np.bool_]:
-        """Mask [N] of the samples that choose parameters; the others measure."""
+        """Mask [N] of the samples that choose parameters; the others measure residuals."""
         rows, columns = (places // _BLOCK for places in self.places)
         return np.asarray((rows + columns) % 2 == 0)
 
@@ -125,7 +124,7 @@ class Evidence:
         return np.ones(a.shape, bool) if self.is_linear else (a > 0.004) & (a < 0.996)
 
     def values_at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
-        """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
+        """Values [C, N] of side ``a`` or ``b`` at rows and columns, 0 where not finite."""
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
         values = np.stack(planes).astype(np.float32).clip(-_LARGEST, _LARGEST)
         return values if self.pixels.finite is None else np.nan_to_num(values)
@@ -185,11 +184,11 @@ class Evidence:
 
     @property
     def is_slight(self) -> bool:
-        """Whether the difference is so much like rounding that there is nothing to explain."""
+        """Whether the difference is as small as rounding errors, with nothing to explain."""
         return self.rms < _SLIGHT * self.rounding
 
     def explained(self, left: float) -> float:
-        """The explained share of a difference for a residual, without rounding errors."""
+        """The share of the difference that a residual leaves explained, but for rounding."""
         forgiven = (self.rounding / self.rms) ** 2 if self.rms else 0.0
         return 1 - math.sqrt(max(left * left - forgiven, 0.0))
 
@@ -231,7 +230,7 @@ class Evidence:
 
     @cached_property
     def difference(self) -> NDArray[Any]:
-        """B − A on the scale of differences, the mean of the channels, of all pixels [H, W]."""
+        """The mean [H, W] of the channels of B − A, on the scale of differences."""
         total = np.zeros(self.size, np.float32)
         for rows in self.pixels.strips():
             for name in self.names:
@@ -242,13 +241,13 @@ class Evidence:
 
     @cached_property
     def window(self) -> tuple[int, int, int, int]:
-        """The first row and column that differ, and those after the last."""
+        """First row and column that differ, and the row and column after the last, in px."""
         rows, columns = (np.flatnonzero((self.pixels.greatest > 0).any(axis=k)) for k in (1, 0))
         return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
 
     @cached_property
     def is_patch(self) -> bool:
-        """Whether a part of the picture differs, and most pixels in its rectangle do."""
+        """Whether the rectangle of all differences is small, and most pixels in it differ."""
         top, left, bottom, right = self.window
         within = (bottom - top) * (right - left)
         differing = np.count_nonzero(self.pixels.greatest)
@@ -256,7 +255,7 @@ class Evidence:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Rows and columns of the part that is analysed as a whole, amid the difference.
+        """Rows and columns of the part, amid the difference, that is analysed as a whole.
 
         Its corner is the corner of a block.
         """
@@ -276,25 +275,25 @@ class Evidence:
 
 
 def _common(weights: NDArray[Any], values: NDArray[Any]) -> float:
-    """The weighted sum of products of neighbours, the halves of samples [C, N]."""
+    """The weighted sum of products of neighbours, as in both halves of values [C, N]."""
     first, second = np.split(values, 2, axis=1)
     return float((np.sqrt(np.prod(np.split(weights, 2, axis=1), axis=0)) * first * second).sum())
 
 
 def steepness(light: NDArray[Any]) -> NDArray[Any]:
-    """The approximate slope of the scale of differences at some light."""
+    """The approximate slope of the scale of differences at values of linear light."""
     magnitude = np.maximum(np.abs(light), 0.003)
     return np.asarray(magnitude ** np.where(magnitude < 1.0, 1 / 2.4 - 1, -1.0))
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
-    """Mask [H, W] of the blocks that choose parameters; the others measure."""
+    """Mask [H, W] of the blocks that choose parameters; the others measure residuals."""
     rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
     return np.asarray(rows[:, None] == columns)
 
 
 def sums_of_parts(values: NDArray[Any], side: int) -> NDArray[Any]:
-    """Sums [h, w] over the parts of values [H, W]."""
+    """Sums [h, w] of values [H, W] over squares of ``side`` px."""
     rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
 
@@ -302,7 +301,7 @@ def sums_of_parts(values: NDArray[Any], side: int) -> NDArray[Any]:
 def summed_up(
     columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
 ) -> NDArray[Any]:
-    """The factors of columns whose sum fits an aim, by weighted least squares."""
+    """The factors with which the sum of columns fits an aim, by weighted least squares."""
     design = np.stack([(column * weights).ravel() for column in columns])
     square, sums = design @ design.T, design @ (aim * weights).ravel()
     square[np.diag_indices(len(columns))] *= 1 + 1e-12

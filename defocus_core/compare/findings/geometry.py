@@ -66,9 +66,9 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by pixels, by fractions of them, and enlarged; new pixels may be anything.
+    """B is A moved by whole or fractional px, and enlarged; pixels from outside A are ignored.
 
-    A move is px down, px right, and px outwards at half of the longer side. Fractions are found by
+    A move is px down, right, and outwards at half of the longer side. Fractions of px are found by
     Gauss-Newton steps (Lucas and Kanade, 1981).
     """
     names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
@@ -122,7 +122,7 @@ def _explained(evidence: Evidence, move: NDArray[Any]) -> Explanation:
 
 
 def _ways(evidence: Evidence) -> Iterator[NDArray[Any]]:
-    """No move, and those by whole px at the peaks of correlations of A and B in the frame."""
+    """No move, and moves by whole px to peaks of the correlation of A and B in the frame."""
     yield np.zeros(3)
     a, b = (side.mean(axis=0) for side in evidence.framed)
     height, width = a.shape
@@ -139,14 +139,14 @@ def _ways(evidence: Evidence) -> Iterator[NDArray[Any]]:
 
 
 def _is_of_light(evidence: Evidence) -> bool:
-    """Whether light is interpolated, as of EXR, and not values on the scale of differences."""
+    """Whether moves interpolate linear light, not values on the scale of differences."""
     return evidence.gamma == 1.0 and bool(evidence.pixels.color)
 
 
 def _moved(
     evidence: Evidence, few: Any, move: NDArray[Any], names: Sequence[str]
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """The samples that lie within A, and the moved A at these."""
+    """Mask of the samples whose source lies within A, and values [C, N] of the moved A."""
     inside, axes = np.bool_(True), []
     for places, length, by in zip(evidence.places, evidence.size, move[:2], strict=True):
         out = (places[few] - (length - 1) / 2) / (max(evidence.size) / 2)

@@ -76,7 +76,7 @@ def place_of(
 
 
 def coc_map(file: DecodedPicture) -> NDArray[Any] | None:
-    """The signed radius [H, W] in px of a picture: a channel ``coc``, or that of a file beside."""
+    """The signed radius [H, W] in px: a channel ``coc``, or a CoC map beside the file; or None."""
     planes, path = file.planes, file.path.parent.parent / "coc" / f"{file.path.stem}.exr"
     if "coc" not in planes and path.is_file() and path != file.path:
         with suppress(InputError):

@@ -97,7 +97,7 @@ class _Frame:
         sides: A and B.
         shown: the same on the scale of differences.
         steady: mask [h, w] of pixels with none nearby that may be clipped by an integer type.
-        chooses: mask [h, w] of pixels that choose parameters; the others measure.
+        chooses: mask [h, w] of pixels that choose parameters; the others measure residuals.
     """
 
     def __init__(self, evidence: Evidence, *, is_light: bool) -> None:
@@ -118,13 +118,13 @@ class _Frame:
 
     @cached_property
     def slope(self) -> _Plane:
-        """The slope of the scale of differences, 0 where light may be clipped [h, w]."""
+        """The slope [h, w] of the scale of differences, 0 where light may be clipped."""
         steep = steepness(np.maximum(*map(np.abs, self.sides))) if self.is_light else 1.0
         return np.where(self.steady, steep, 0.0)
 
     @cached_property
     def spectra(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The frequencies of A and of B, faded out at the borders."""
+        """The spectra of A and of B, which are faded out at the borders."""
         window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.steady.shape)))
         a, b = (np.fft.rfft2((side - side.mean()) * window) for side in self.sides)
         return a, b
@@ -137,7 +137,7 @@ class _Frame:
 
     @cached_property
     def filtered(self) -> tuple[float, _Plane]:
-        """A through the isotropic response of B to A, and the residual of the spectra."""
+        """The residual of the spectra, and A filtered by the isotropic response of B to A."""
         old, new = self.spectra
         radii = np.sqrt(self.squares) * 2 * _RINGS
         rings = np.minimum(radii, _RINGS).astype(int).ravel()
@@ -152,14 +152,14 @@ class _Frame:
 
     @cached_property
     def smooth(self) -> list[list[_Plane]]:
-        """A and B after each gaussian, periodic at the borders."""
+        """A and B, each blurred by every gaussian of `_SIGMAS`, periodic at the borders."""
         bells = [np.exp(-2 * (np.pi * sigma) ** 2 * self.squares) for sigma in _SIGMAS]
         spectra, size = map(np.fft.rfft2, self.sides), self.steady.shape
         return [[np.fft.irfft2(s * bell, s=size) for bell in bells] for s in spectra]
 
     @cached_property
     def measures(self) -> NDArray[np.bool_]:
-        """Mask [h, w] of the pixels that measure."""
+        """Mask [h, w] of the pixels that measure residuals."""
         used = ~self.chooses & self.steady
         for rim in (slice(_MARGIN), slice(-_MARGIN, None)):
             used[rim] = used[:, rim] = False
@@ -182,7 +182,7 @@ class _Frame:
 
 
 def softened(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a filtered A, or A a filtered B, also in parts; or B has more detail."""
+    """B is A filtered, or A is B filtered, everywhere or in parts; or B has more detail."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
     sides = [cut.stop - cut.start for cut in evidence.frame]
@@ -230,7 +230,7 @@ def _resized(frame: _Frame) -> Explanation:
 
 
 def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:
-    """Pairs of filters with the response of B to A, and factors of size, the most alike first."""
+    """Factors of size and pairs of filters with a response like that of B to A, best first."""
     rows = np.abs(np.fft.fftfreq(len(frame.steady))) < _SMOOTH
     old, new = (spectrum[rows] for spectrum in frame.spectra)
     power, common = (np.abs(old) ** 2).sum(axis=0), (old.conj() * new).real.sum(axis=0)
@@ -269,7 +269,7 @@ def _through_size(
 def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
     """B is A blurred, or A is B blurred, everywhere or by a different amount in each part.
 
-    Each part has a sum of gaussians, by least squares at the choosing pixels.
+    The blur of a part is a sum of gaussians, by least squares at the pixels of `chooses`.
     """
     (a, b), slope, smooth = frame.sides, frame.slope, frame.smooth
     old, new = (
@@ -301,6 +301,6 @@ def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
 
 
 def _spread(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
-    """Values of parts at all pixels."""
+    """The value of each part at all of its pixels."""
     every = np.repeat(np.repeat(values, _PART, axis=0), _PART, axis=1)
     return every[: like.shape[0], : like.shape[1]]

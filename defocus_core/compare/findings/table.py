@@ -1,7 +1,7 @@
 """Findings: a row for each cause, and the places of unexplained differences.
 
-Rows are tried in order, simpler ones first. Names of rules come from these rows; their evidence is
-told in `defocus help compare`.
+Rows are tried in order, simpler ones first. Rules on findings take their names from
+these rows; `defocus help compare` tells the evidence of each.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Cause:
     # is not its rival
     beyond: tuple[str, ...] = ()
     left: float = 0.35  # largest residual, as a share of the difference, at which it is named
-    looks: bool = False  # whether it is tried if no other row is named
+    looks: bool = False  # whether it is tried only if no other is named
 
 
 FACTOR = ("another exposure", "multiplied")

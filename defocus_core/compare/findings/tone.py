@@ -40,7 +40,7 @@ _ONE = 1.001  # greatest number of values that are normalised
 
 
 def clipped_light(pixels: Pixels) -> list[Finding]:
-    """The limit at which the light of B was clipped, if it was; checked in every pair."""
+    """The finding of the limit that clipped the light of B, if any; sought in every pair."""
     for layer in pixels.color:
         (_, high), (_, limit) = (_ends(pixels, side, layer) for side in (0, 1))
         if not (math.isfinite(high) and high > _MORE * limit > 0):
@@ -66,7 +66,7 @@ def may_be_cut_below(pixels: Pixels) -> bool:
 
 
 def _ends(pixels: Pixels, side: int, names: Sequence[str]) -> tuple[float, float]:
-    """The least and the greatest value of channels of A (0) or of B (1), but NaN."""
+    """The least and the greatest value, except NaN, of channels of A (side 0) or B (side 1)."""
     ends = [pixels.ranges[side][name] for name in names]
     if any(math.isnan(low) for low, _ in ends):
         planes = [pixels.plane("ab"[side], name) for name in names]
@@ -75,7 +75,7 @@ def _ends(pixels: Pixels, side: int, names: Sequence[str]) -> tuple[float, float
 
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
-    """Channels with several values in A that are 0 everywhere in B; checked in every pair."""
+    """Findings of channels that vary in A and are 0 throughout B; sought in every pair."""
     zero, (old, new) = (0.0, 0.0), pixels.ranges
     lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:
@@ -151,7 +151,7 @@ def _decoded(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def exchanged(evidence: Evidence) -> Iterator[Explanation]:
-    """Channels of a layer in another order, or layers in the place of each other."""
+    """Channels of a layer are in another order in B, or layers have changed places."""
     names, known, (rows, columns) = evidence.names, evidence.pixels.names, evidence.places
     ways: list[tuple[str, str, Sequence[str]]] = []
     for layer in layers(known):
@@ -222,7 +222,7 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def summed(evidence: Evidence) -> Iterator[Explanation]:
-    """B = a A + b on some scale, of all channels or of each; or B is encoded once more."""
+    """B = a A + b on some scale, for all channels or for each; or B is encoded once more."""
     (a, b), color, back = evidence.sampled, evidence.is_light, evidence.stored
     low, is_wider = _ends(evidence.pixels, 1, evidence.names)[0], _exceeds(evidence)
     fits = evidence.fits & evidence.steady
@@ -298,7 +298,7 @@ def _words(name: str, factor: float, constant: float) -> str:
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """R, G and B of the only layer, of light or as a screen shows them, mixed by a matrix."""
+    """R, G and B of the only layer are mixed by a matrix, in light or as a screen shows them."""
     found = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if evidence.is_small or len(found) != 1 or not set(evidence.names) <= set(found[0]):
         return

@@ -50,7 +50,7 @@ def sparks(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:
-    """The difference lies on lines at the distance of tiles, or tiles have gains."""
+    """The difference lies on equidistant lines, as of tiles, or each tile has its own gain."""
     yield from _gains_of_tiles(evidence)
     difference = evidence.difference
     lines = [_lines(difference), _lines(difference.T)]  # columns and rows
@@ -71,7 +71,7 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
-    """Isolated columns whose difference exceeds that of most by more than noise."""
+    """Mask [W] of the columns whose difference stands out from that of the other columns."""
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
     power = np.maximum(power - 2.5 * np.median(power), 0)
@@ -79,12 +79,12 @@ def _lines(difference: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
-    """Each tile is A times its own gain; a common gain, and a shifted grid, explain less."""
+    """Each tile of B is A times its own gain; one gain for all or a shifted grid explains less."""
     a, b = (side.mean(axis=0, dtype="f8") for side in evidence.framed)
     turn, power = blocks_in_turn(a.shape, 4), np.square(b - a)
 
     def left(side: int, offset: int) -> float:
-        """The residual of gains."""
+        """The residual with a gain for each tile, as a share of the difference."""
         rows, columns = ((np.arange(c.start, c.stop) + offset) // side for c in evidence.frame)
         tile = (rows - rows[0])[:, None] * (columns[-1] - columns[0] + 1) + columns - columns[0]
         sums = [np.bincount(tile[turn], v[turn], tile[-1, -1] + 1) for v in (a * b, a * a)]
@@ -178,6 +178,6 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _means_of_nine(values: NDArray[Any]) -> NDArray[Any]:
-    """Means of pixels and their neighbours, without the border."""
+    """Means of each pixel and its eight neighbours, without the border."""
     rows = values[:-2] + values[1:-1] + values[2:]
     return np.asarray((rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9)

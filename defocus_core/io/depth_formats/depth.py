@@ -1,6 +1,6 @@
 """Depth maps decoded to planar metres, with sky at infinity.
 
-What the numbers of a file mean is a row of `table`, or said by the user.
+The meaning of the numbers of a file is a row of `table`, or given by the user.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from defocus_core.system.text import counted
 def fill_from_farther(
     metres: Any, valid: NDArray[np.bool_], farther: np.ufunc = np.maximum
 ) -> None:
-    """Fill invalid pixels [H, W], not all, from the farther valid one in their row.
+    """Fill invalid pixels [H, W] from the farther valid neighbour in the row; one must be valid.
 
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
@@ -50,7 +50,7 @@ def fill_from_farther(
 def _filled_along_rows(
     rows: NDArray[np.float32], valid: NDArray[np.bool_], farther: np.ufunc
 ) -> NDArray[np.float32]:
-    """Rows whose invalid pixels have the farther of the nearest valid ones left and right."""
+    """The rows, invalid pixels filled with the farther of the nearest valid ones left and right."""
     columns = np.arange(rows.shape[1])
     left = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     right = np.where(valid, columns, rows.shape[1])[:, ::-1]
@@ -81,10 +81,10 @@ class Depth:
     is_radius: bool = False  # whether the file holds radii instead of depth
     replaced: int = 0  # how many invalid pixels were taken as far, or filled
     hole_remedy: str = _FILL  # what to do about invalid pixels
-    top_hole: str = ""  # the greatest number of the type, if it is a hole by evidence
-    data_window: str = ""  # in words, if it does not cover the picture
+    top_hole: str = ""  # the greatest number of the type, if it seems to mark holes
+    data_window: str = ""  # the data window in words, if it does not cover the picture
     overscan: Overscan = NO_OVERSCAN  # pixels beyond the picture shown
-    warnings: tuple[str, ...] = ()  # what was taken for granted, and what was replaced
+    warnings: tuple[str, ...] = ()  # what was assumed, and what was replaced
     # Where the colour is an element's and holds nothing, bool [H, W]; None if nowhere. The depth is
     # inf there, a radius 0
     empty: Any = None
@@ -129,7 +129,7 @@ def read_depth(
 ) -> Depth:
     """Decode a depth map; invalid pixels are marked, or replaced if the reading asks.
 
-    `size`: (width, height) of its colour as it is shown; `lens_focal`: focal length of the lens in
+    `size`: (width, height) of the colour shown, in px; `lens_focal`: focal length of the lens in
     widths of its sensor; `overscan`, `alpha` [H, W]: of the colour.
     """
     own = "" if reading.depth_format or reading.relative else own_format(path)
@@ -153,7 +153,7 @@ def depth_of(
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
 ) -> Depth:
-    """The depth of numbers by their format; arguments as in `read_depth`."""
+    """The depth decoded from numbers by their format; arguments as in `read_depth`."""
     path, row = samples.path, resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha)
     told = []
@@ -248,7 +248,7 @@ def _is_behind(depth: Depth) -> bool:
 
 
 def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
-    """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
+    """Set the depth of pixels that alpha, an array or a mask file marks; yields notes in words."""
     marks = samples.marks
     if row.mask is not None:
         from defocus_core.io.depth_formats.sidecars import mask_beside
@@ -260,7 +260,7 @@ def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterat
 
 
 def _replaced(depth: Depth, how: str) -> Depth:
-    """The depth whose invalid pixels are far (of disparity, its farthest number), or filled."""
+    """The depth with invalid pixels at infinity (relative: at the farthest number), or filled."""
     count = int(np.count_nonzero(depth.invalid))
     if not count:
         words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
@@ -291,7 +291,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
 
 
 def _fill_too_close(depth: Depth) -> str:
-    """Replace -inf, too close for a camera, by the nearest depth in its row; returns a note."""
+    """Replace -inf (too close for the camera) by the nearer valid neighbour; returns a note."""
     close = np.isneginf(depth.metres)
     if depth.is_radius or not close.any():
         return ""
@@ -308,7 +308,7 @@ _ENOUGH, _MAXIMUM = 12, 0.8
 
 
 def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
-    """The numbers divided by alpha [H, W] if they were multiplied by it, and a note on it."""
+    """The numbers, divided by alpha [H, W] if they were premultiplied by alpha; and a note."""
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):
@@ -318,7 +318,7 @@ def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
 
 
 def _is_multiplied(values: Any, alpha: Any) -> bool:
-    """Whether edges have the depth beside them times alpha, and not the depth itself."""
+    """Whether depth at edges is that of solid neighbours times alpha, and not the depth alone."""
     multiplied = plain = 0
     fraction, numbers = (np.asarray(each, np.float32) for each in (alpha, values))
     edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])

@@ -85,7 +85,7 @@ def choose_depth_channel(
 ) -> ChannelGroup:
     """The depth channel of a file: the one named, that of the format, or one of the usual names.
 
-    Of R, G and B alone it is R, which the others must equal.
+    In a file of R, G and B alone the depth is R, and G and B must equal R.
     """
     channel = reading.depth_channel
     every = channels_of(path, headers, reading.part)
@@ -122,7 +122,7 @@ def choose_depth_channel(
 
 
 def _is_depth(candidate: ChannelGroup) -> bool:
-    """Whether the name says so: Z, V, depth, or one of a layer whose name says depth."""
+    """Whether a channel is depth by its name, like Z or depth, or by the name of its layer."""
     layer, _, base = candidate.name.rpartition(".")
     base, own_layer = base.lower(), last_word(layer).lower()
     siblings = candidate.header.folded_names
@@ -139,7 +139,7 @@ def _is_depth(candidate: ChannelGroup) -> bool:
 
 
 def _is_of_vector(candidate: ChannelGroup) -> bool:
-    """Whether its layer has a position or a motion."""
+    """Whether a channel is a component of a vector, like a position or a motion."""
     layer, siblings = candidate.name.rpartition(".")[0].lower(), candidate.header.folded_names
     dot = f"{layer}." if layer else ""
     return {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings

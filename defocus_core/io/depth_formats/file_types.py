@@ -1,4 +1,4 @@
-"""Depth files of every type but EXR opened: which type a file is of, and its numbers."""
+"""Reading of depth files other than EXR: the type of a file, and its numbers."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def other_numbers(
 
 
 def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Size) -> DepthNumbers:
-    """Numbers of a depth image in a photograph; relative ones as 1 / z."""
+    """The numbers of the depth image in a photograph; relative depth becomes 1 / z."""
     if not reading.relative and photo.type == "GDepth" and "Units" not in photo.metadata:
         problem = "has GDepth without Units, which is relative"
         remedy = "say ‹blur› 20px ‹focus-at› X,Y instead of a lens"
@@ -101,7 +101,7 @@ def _from_arrays(path: Path, reading: DepthReading, kind: str, size: Size) -> De
 
 
 def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthReading) -> str:
-    """The array that holds the depth: the one named, that of the format, or the only one."""
+    """The name of the depth array: the one asked for, that of the format, or the only one."""
     names = ", ".join(list(entries)[:20])
     if reading.depth_channel is not None:
         if reading.depth_channel not in entries:
@@ -137,7 +137,7 @@ def _frame(path: Path, entry: ArrayEntry, reading: DepthReading, size: Size) -> 
 
 
 def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers:
-    """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
+    """The numbers of a PNG, TIFF or JPEG: one channel, or channels whose bits make a number."""
     row = reading.row
     page = raster.choose_page(path, raster.read_pages(path, wanted=WANTED), reading.part)
     if page.deep:
@@ -174,7 +174,7 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
 
 
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for a codec's noise."""
+    """The luma [h, w] of samples [h, w, 3…] with R, G, B equal, or in 8 bits nearly equal."""
     colors = samples[:, :, :3]
     r, g, b = (colors[:, :, c] for c in range(3))  # five times as fast as along the last axis
     spread = np.maximum(np.maximum(r, g), b) - np.minimum(np.minimum(r, g), b)
@@ -223,7 +223,7 @@ _SIGNS = {
 
 
 def refuse_assumed(path: Path, values: NDArray[np.uint16]) -> None:
-    """Refuse 16 bits [H, W] as millimetres if the path or their range tells otherwise."""
+    """Refuse 16-bit numbers [H, W] as millimetres if the path or their range contradicts."""
     place = "/".join(path.absolute().parts[-_PARTS:]).lower()
     for name, sign in _SIGNS.items():
         if found := re.search(sign, place):

@@ -1,7 +1,7 @@
 """Overshoot of JPEG beside edges of depth: numbers beyond those of both surfaces.
 
-JPEG codes blocks of 8×8 px. In a block with an edge the numbers swing about those of its surfaces;
-what lies beyond both would stay sharp around a blurred face, or be blurred around a sharp one.
+JPEG codes blocks of 8×8 px. In a block with an edge the numbers oscillate about those of its two
+surfaces; pixels beyond both would be sharp around a blurred face, or blurred around a sharp one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SURFACE, _EDGE, _MOST = 6, 16, 0.25
 
 
 def without_overshoot(values: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The numbers [H, W] of a JPEG, at edges limited to those of the surfaces around."""
+    """The numbers [H, W] of a JPEG, limited at edges to the range of the surfaces around."""
     height, width = values.shape
     padded = np.pad(values, [(0, -n % _BLOCK) for n in (height, width)], mode="edge")
     blocks = padded.reshape(len(padded) // _BLOCK, _BLOCK, -1, _BLOCK).astype(np.float32)

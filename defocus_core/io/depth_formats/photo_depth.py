@@ -1,13 +1,13 @@
 """Depth and mattes inside photographs of phones: HEIC auxiliary images, and three kinds in JPEG.
 
 GDepth (Google, "Depthmap metadata"): XMP properties, the depth map itself in base64 in the extended
-XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3"). There
-GImage:Data may be the sharp picture, of which the photograph itself is blurred already.
+XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3").
+GImage:Data may hold the sharp picture if the photograph itself is blurred already.
 
 Dynamic Depth (Google, version 1.0): XMP lists files that follow the photograph, and their lengths.
 
-Apple: further pictures of the JPEG (CIPA DC-007, "Multi-Picture Format"), whose own XMP says what
-they are. Others, like gain maps and the second view of a stereo camera, are no depth.
+Apple: further pictures of the JPEG (CIPA DC-007, "Multi-Picture Format"), each described by its own
+XMP. Other further pictures, like gain maps and the second view of a stereo camera, are no depth.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _PERSON, _HAIR = "aux:portraiteffectsmatte", "aux:semantichairmatte"
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
-    """The sharp picture inside a photograph as a file, or the photograph itself."""
+    """The path of the sharp picture inside a photograph, or of the photograph itself."""
     of_google = own_format(path) == "android-gdepth"
     data = _properties(path.read_bytes()).get("GImage:Data") if of_google else None
     if data is None:
@@ -62,7 +62,7 @@ def sharp_original(path: Path) -> Iterator[Path]:
 
 
 def read_heic(path: Path) -> DepthNumbers:
-    """The depth image of a HEIC photograph; with d_min, d_max and representation_type."""
+    """The depth image of a HEIC photograph; metadata: d_min, d_max and representation_type."""
     file = open_heic(path)
     with decoding(path, HEIC_DAMAGE), quiet():
         images = file.info.get("depth_images") or []
@@ -128,9 +128,9 @@ def _decoded(path: Path, data: bytes, words: str) -> NDArray[Any]:
 
 
 def _gdepth(data: bytes) -> dict[str, Any]:
-    """What GDepth says of the depth of a JPEG, and its image as `Data`; or what Dynamic Depth does.
+    """The properties of depth in a JPEG, by GDepth or Dynamic Depth, and its image as `Data`.
 
-    Both in the words of GDepth; empty if a file has neither.
+    The keys are those of GDepth; empty if the file has neither.
     """
     properties = _properties(data)
     told: dict[str, Any] = {n[7:]: text for n, text in properties.items() if n[:7] == "GDepth:"}
@@ -154,7 +154,7 @@ def _gdepth(data: bytes) -> dict[str, Any]:
 
 
 def _depth_of_apple(path: Path) -> dict[str, Any]:
-    """What Apple says of the depth of a JPEG, in the words of HEIC, and its image as `Data`."""
+    """Apple's properties of depth in a JPEG, by the keys of HEIC, and its image as `Data`."""
     for name, (told, data) in _pictures_of_apple(path).items():
         if name not in _APPLE:
             continue
@@ -167,14 +167,14 @@ def _depth_of_apple(path: Path) -> dict[str, Any]:
 
 
 def _pictures_of_apple(path: Path) -> dict[str, tuple[Mapping[str, str], bytes]]:
-    """The properties and the bytes of each further picture of a JPEG, by what Apple calls it."""
+    """The properties and the bytes of each further picture of a JPEG, by Apple's type of it."""
     with decoding(path):
         pictures = [(_properties(data), data) for data in _further_pictures(path.read_bytes())]
     return {told.get("apdi:AuxiliaryImageType", ""): (told, data) for told, data in pictures}
 
 
 def _further_pictures(data: bytes) -> Iterator[bytes]:
-    """The pictures behind the first of a JPEG in the Multi-Picture Format."""
+    """The bytes of each picture after the first of a JPEG in the Multi-Picture Format."""
     for at, body in _segments(data):
         if not body.startswith(PICTURES):
             continue
@@ -196,7 +196,7 @@ def _properties(data: bytes) -> dict[str, str]:
 
 
 def _packet(data: bytes) -> str:
-    """The XMP packet of a JPEG, and its extension."""
+    """The XMP packet of a JPEG, followed by the extended XMP, as one text."""
     packet, parts = b"", {}
     for _, body in _segments(data):
         if body.startswith(_XMP):
@@ -209,7 +209,7 @@ def _packet(data: bytes) -> str:
 
 
 def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """The place and the bytes of each segment before the pixels of a JPEG."""
+    """The byte offset and the bytes of each segment before the pixels of a JPEG."""
     place = 2
     while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != _START_OF_SCAN:
         (size,) = struct.unpack_from(">H", data, place + 2)
@@ -219,7 +219,7 @@ def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 @contextmanager
 def _unpack(data: bytes) -> Iterator[Path]:
-    """A temporary file of an image, as OpenImageIO reads only files."""
+    """The path of a temporary file with the bytes of an image, as OpenImageIO reads only files."""
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:
         file.write(data)

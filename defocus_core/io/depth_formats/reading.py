@@ -1,4 +1,4 @@
-"""How a depth file is to be read: what a user may say of it, which completes its format."""
+"""Options of reading a depth file, which complete its format."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _OF_APPLE = re.compile(rb"""apdi:AuxiliaryImageType\s*(?:=\s*["']|>)(?:depth|dis
 
 
 def own_format(path: Path) -> str:
-    """The format that a file itself names: of a photograph, or in a header; else empty."""
+    """The name of the format that a photograph or an EXR header declares; empty if none."""
     head = read_head(path, XMP_BYTES)
     if is_jpeg(head):
         if b"GDepth:" in head or b"DepthMap:" in head:
@@ -41,14 +41,14 @@ def own_format(path: Path) -> str:
 
 @once
 def _holds_depth_of_apple(path: Path) -> bool:
-    """Whether a further picture in a JPEG says that it is depth, as none but Apple's do."""
+    """Whether a JPEG holds a further picture that Apple's XMP declares as depth."""
     with open_plain(path) as file:
         return _OF_APPLE.search(file.read(_LARGEST)) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthReading:
-    """What a user says of depth files; None leaves it to the format or to the type of file."""
+    """Options of reading depth files; None leaves one to the format or to the type of file."""
 
     depth_format: str | None = None  # name of a row of the table
     depth_unit: str | None = None  # unit of the numbers: mm, cm, m or ft
@@ -57,7 +57,7 @@ class DepthReading:
     part: int | None = None  # which part of an EXR, page of a TIFF or frame of an array, from 0
     view: str | None = None  # which view of an EXR of several, like left
     depth_scale: float | None = None
-    depth_kind: str | None = None  # whether they are depth or disparity
+    depth_kind: str | None = None  # what the numbers are: depth or disparity
     # The distances in mm of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of
     # depth, the distance of 0, then of the top; of disparity, that of the top, then of 0
     depth_range: tuple[float, float] | None = None
@@ -77,27 +77,27 @@ class DepthReading:
 
     @property
     def row(self) -> DepthFormat:
-        """The format: the one named, or ``metres`` or ``disparity`` where none is."""
+        """The row of the format named; without one, that of ``metres`` or ``disparity``."""
         if self.depth_format is not None:
             return NAMES[self.depth_format]
         return FORMATS["disparity" if self.depth_kind == "disparity" else "metres"]
 
     @property
     def says_scale(self) -> bool:
-        """Whether the scale of numbers of any type is said."""
+        """Whether the options give the scale of the numbers, whatever the type of file."""
         said = (self.depth_format, self.depth_unit, self.depth_scale, self.depth_range)
         return self.relative or self.depth_kind == "disparity" or said != (None,) * 4
 
     @property
     def asked_by(self) -> dict[str, str]:
-        """The option that asks for the format, and its value, for errors."""
+        """The option that chose the format, and its value, as fields of an error."""
         if self.depth_format is None:
             return {"field": "depth-kind", "value": "disparity"}
         return {"field": "depth-format", "value": self.depth_format}
 
     @property
     def holds_radii(self) -> bool:
-        """Whether the files need no lens but its opening: radii or relative disparity."""
+        """Whether the files hold radii or relative disparity, which need only a lens's opening."""
         return self.relative or self.row.rule == "radius"
 
     def as_relative(self) -> Self:
@@ -133,7 +133,7 @@ MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round t
 
 
 def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
-    """The relative change of aspect in another size; None if it is another view."""
+    """The relative change of aspect from one size to another; None if it is too large."""
     (columns, rows), (width, height) = size, target
     if abs(width * rows - height * columns) <= max(*size, *target):
         return 0.0
@@ -171,7 +171,7 @@ class Mark(NamedTuple):
 
     pixels: NDArray[np.bool_]  # [H, W]
     depth: float  # inf is sky, NaN no depth
-    words: str  # for people; empty if they need not know
+    words: str  # a note for people; may be empty
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class DepthNumbers:
     data_window: str = ""  # its data window in words, if it does not cover the picture
     # The greatest number of the type, where the file has fewer bits than that of the values
     greatest: int | None = None
-    is_deep: bool = False  # whether they are those of the nearest samples of deep pixels
+    is_deep: bool = False  # whether the numbers are of the nearest samples of deep pixels
 
     @property
     def width(self) -> int:

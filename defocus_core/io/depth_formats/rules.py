@@ -36,8 +36,8 @@ class DepthRule(NamedTuple):
     """A way from numbers to depth."""
 
     holds: str  # what the numbers are: depth, disparity or radii
-    options: tuple[str, ...]  # those that mean something by it, beside what the row takes
-    # The row with scale, shift and words, by what the user says
+    options: tuple[str, ...]  # options that the rule uses, beside those that the row takes
+    # The row with scale, shift and words, by the options of the user
     complete: Callable[[DepthReading, DepthFormat, DepthNumbers], DepthFormat]
 
 
@@ -81,7 +81,7 @@ def resolved(
 
 
 def _ruled(reading: DepthReading, row: DepthFormat) -> DepthFormat:
-    """The row with a rule: its own, or the one of ``depth_kind``."""
+    """The row with a rule: that of the format, or the one that ``depth_kind`` names."""
     kind = reading.depth_kind
     if not row.rule:
         if kind is None:
@@ -120,7 +120,7 @@ def _refuse_idle(reading: DepthReading, row: DepthFormat) -> None:
 
 
 def _ask(reading: DepthReading, row: DepthFormat, option: str, value: str) -> NoReturn:
-    """Ask for an option that the format cannot do without."""
+    """Raise the UsageProblem that asks for an option that the format needs."""
     problem = f"leaves ‹{option}› open" + (f": {row.note}" if row.note else "")
     raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **reading.asked_by)
 
@@ -149,7 +149,7 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
 
 
 def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]:
-    """The float at the other end of a range than 0: 1, or the greatest of a network; and words."""
+    """The upper end of a range of floats from 0: 1, or the maximum of a network; and words."""
     finite = samples.values[np.isfinite(samples.values)]
     minimum, maximum = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
     is_of_network = "depth-range" in row.needs and row.rule == "inverse"
@@ -226,7 +226,7 @@ def _per_metre(reading: DepthReading, row: DepthFormat, _: DepthNumbers) -> Dept
 def _focal(
     reading: DepthReading, row: DepthFormat, samples: DepthNumbers, lens_focal: float | None
 ) -> float | None:
-    """Focal length in px of the depth map where it holds distances to the point, else None."""
+    """Focal length in px, if the depth map holds distances to the point; None if it is planar."""
     if row.geometry == "ask":
         problem = "leaves open whether the numbers are depth or the distance to the point"
         problem += f" ({row.note})" if row.note else ""
@@ -251,13 +251,13 @@ def _focal(
 
 
 def _focal_words(focal: float, width: int) -> str:
-    """A focal length in px, and the field of view that it is."""
+    """A focal length in px and its field of view, in words."""
     degrees = 2 * math.degrees(math.atan(width / 2 / focal))
     return f"a focal length of {focal:.6g} px, {degrees:.3g}° across"
 
 
 def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
-    """Scale and shift that map 0 to one value, and `top` to another."""
+    """The scale and the shift that map 0 to `at_zero` and `top` to `at_top`."""
     return (at_top - at_zero) / top, at_zero
 
 
@@ -298,7 +298,7 @@ def decoded(
 
 
 def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
-    """Which numbers stand for sky; radii have none."""
+    """The mask of numbers that stand for sky; all False for radii."""
     holds = RULES[row.rule].holds
     if holds == "radii":
         return np.zeros(numbers.shape, bool)
@@ -310,7 +310,7 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
 
 
 def ends_in_hole(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> bool:
-    """Whether the greatest number of the type lies apart from all others, and has no meaning."""
+    """Whether the greatest number of the type marks holes: undeclared, far above all others."""
     top, values = samples.top, samples.values
     said = reading.sky is not None or reading.depth_range is not None or row.ends is not None
     if said or top <= _FEW_LEVELS or row.rule != "scale" or row.bits or row.weights:
@@ -324,9 +324,9 @@ def ends_in_hole(reading: DepthReading, row: DepthFormat, samples: DepthNumbers)
 def _cosine(
     shape: tuple[int, ...], focal_px: float, shown: tuple[slice, slice]
 ) -> NDArray[np.float64]:
-    """Depth along the axis by distance to the point, f / √(x² + y² + f²), at pixels [H, W].
+    """The ratio [H, W] of depth along the axis to distance to the point, f / √(x² + y² + f²).
 
-    x and y are those of pixel centres from the middle of the frame, the rows and columns `shown`.
+    x and y: of pixel centres in px, from the middle of the rows and columns `shown`.
     """
     y, x = (
         np.arange(count) - side.start - (side.stop - side.start - 1) / 2

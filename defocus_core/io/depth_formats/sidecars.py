@@ -1,6 +1,6 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also the metadata of the file itself: HEIC's and GDepth's properties.
+The metadata of the depth file itself counts as well: properties of HEIC and GDepth.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
 
 
 def _scene_camera(place: Path, samples: DepthNumbers) -> Found:
-    """BOP: ``{"IMAGE": {"depth_scale": mm of 1}}``, the image by its number."""
+    """BOP: ``{"IMAGE": {"depth_scale": MM}}``, MM per unit, IMAGE the number of the image."""
     scale = _positive(float(json.loads(_text(place))[str(int(samples.path.stem))]["depth_scale"]))
     return {"words": f"{scale:g} mm by {place.name}", "scale": scale / 1000}
 
 
 def _heic(_: Path, samples: DepthNumbers) -> Found:
-    """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
+    """HEIC: numbers linear in 1/z, far to near (0), in disparity in 1/m (1), or in z (2)."""
     metadata = samples.metadata
     kind = int(metadata.get("representation_type", 1))
     if kind not in (0, 1, 2):
@@ -103,20 +103,20 @@ _SIDECARS: dict[str, tuple[Callable[[Path, DepthNumbers], Found], tuple[str, ...
 
 
 def _found(places: tuple[str, ...], path: Path) -> Path | None:
-    """The first file of some places beside a depth file; None if there is none."""
+    """The first existing file among places beside a depth file; None if there is none."""
     words = {"stem": path.stem, "folder": path.parent.name}
     files = (path.parent / template.format(**words) for template in places)
     return next((file for file in files if file.is_file() and file != path), None)
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
-    """The sidecar of a depth file, or itself; None if there is none."""
+    """The file with the sidecar's data: a sidecar, or the depth file itself; None without one."""
     _, places = _SIDECARS[row.sidecar]
     return _found(places, path) if places else path
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
-    """Files beside a depth file by which it is read, by role; empty if there are none."""
+    """The sidecar and the mask that a depth file is read with, by role; empty without any."""
     sidecar = _sidecar(row, path) if row.sidecar else None
     mask = _found(row.mask.places, path) if row.mask is not None else None
     files = {"depth_sidecar": sidecar, "depth_mask": mask}

@@ -1,8 +1,8 @@
-"""The table of depth formats by name, the units of depth, and the custom of each type of file.
+"""The table of depth formats by name, the units of depth, and the default of each type of file.
 
-Nothing is read off the range of the values. A file without a named format follows the custom of its
+No format is guessed from the range of values. A file without a named format has the default of its
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
-have no custom, so that their unit must be set (``depth_unit``).
+have no default, so that their unit must be set (``depth_unit``).
 
 A new format is a row, and a line of ``help/depth.md``, which a test compares. The rows are of
 stereo data sets, networks, renderers, data sets of depth.
@@ -33,23 +33,23 @@ class Mask:
     # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
     # file, ``{folder}`` the name of its folder
     places: tuple[str, ...]
-    zeros: bool = True  # whether it marks them by 0, or by any other number
+    zeros: bool = True  # whether the mask marks pixels by 0, or by any other number
 
 
 @dataclass(frozen=True)
 class DepthFormat:
-    """A depth convention: a row of the table, which sidecar and user complete for a file."""
+    """A depth convention: a row of the table, completed by sidecar and user for a file."""
 
     name: str  # as ``depth_format`` has it
     title: str  # which data set, renderer or network writes it
-    files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
+    files: tuple[str, ...]  # types of file that it may have, as `DepthNumbers.type` has them
     # A name of `rules.RULES`; empty where ``depth_kind`` must say if they are depth or disparity
     rule: str = "scale"
-    takes: tuple[str, ...] = ()  # options that mean something, beside those of the rule
-    needs: tuple[str, ...] = ()  # those without which it cannot be decoded
-    scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
+    takes: tuple[str, ...] = ()  # options that the format uses, beside those of the rule
+    needs: tuple[str, ...] = ()  # options without which a file cannot be decoded
+    scale: float = 1.0  # what the number 1 stands for: metres of depth, px of disparity
     shift: float = 0.0  # added to numbers that were scaled
-    # What 0 and the greatest number of the type are, in m or 1/m, where the file says it
+    # What 0 and the greatest number of the type stand for, in m or 1/m, where the file says it
     ends: tuple[float, float] | None = None
     bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
     weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
@@ -71,11 +71,11 @@ class DepthFormat:
     # Width of the pictures that `focal_px` is of; None for any width
     focal_width: int | None = None
     baseline: float | None = None  # metres between its two cameras, where it is fixed
-    sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
+    sidecar: str = ""  # name of the kind of sidecar, as in `sidecars`
     words: str = ""  # what completed the row, and in the end its rule, for people
     mask: Mask | None = None
-    alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
-    is_right_half: bool = False  # whether it is that of a picture whose left half is the colour
+    alpha: bool = False  # whether pixels with an alpha of 0 in the EXR are empty
+    is_right_half: bool = False  # whether depth is the right half of a picture, colour the left
     note: str = ""  # what else a user should know
     aliases: tuple[str, ...] = ()
 

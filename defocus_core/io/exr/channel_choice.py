@@ -1,8 +1,8 @@
-"""Views and colour layers of an EXR file, found by name, and how any channel is named.
+"""Views and colour layers of an EXR file, found by name, and the naming of channels.
 
 OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
 the user gives is compared exactly, then without regard to case. Nothing is guessed: several
-candidates are an error that lists them in the very form the option takes.
+candidates are an error, which lists them in the form that the option takes.
 
 A file may hold views, the pictures of several cameras, like left and right. A view is named by the
 attribute ``view`` of a part, or by ``multiView`` and the last but one word of a channel:
@@ -34,10 +34,10 @@ _ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
 
 @dataclass(frozen=True)
 class ChannelGroup:
-    """Channels of a part that the user names together: a colour layer, or one depth channel."""
+    """Channels of a part that the user chooses by one name: a colour layer, or a depth channel."""
 
-    header: Header  # the part that they are in
-    name: str  # as ``layer`` or ``depth_channel`` has it inside its part
+    header: Header  # the part that holds the channels
+    name: str  # the name that ``layer`` or ``depth_channel`` takes, without the part
     # Canonical name to the name in the file: R, G, B or Y, then A; the name of a depth channel
     # to itself
     channels: Mapping[str, str] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class ChannelGroup:
 
     @property
     def source(self) -> str:
-        """The name in the file of a lone channel."""
+        """The name in the file of the only channel of the group."""
         return next(iter(self.channels.values()))
 
 
@@ -92,7 +92,7 @@ def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list
 def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
     """The channels beside the colour that patterns name, in the order of the file.
 
-    A pattern passes over depth and whole numbers, which are never averaged.
+    Patterns do not match depth or whole numbers, which are never averaged.
     """
     light = [n for n, plane in extras.items() if plane.dtype.kind not in "iu" and not is_depth(n)]
     chosen: set[str] = set()
@@ -110,7 +110,7 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
 
 
 def require_part(path: Path, part: int, count: int) -> None:
-    """Refuse a part that a file of ``count`` parts has not got."""
+    """Refuse a part number that a file of ``count`` parts does not have."""
     if not 0 <= part < count:
         problem = f"has no part {part}, only {count}"
         remedy = "leave ‹part› out" if count == 1 else f"‹part› counts from 0 to {count - 1}"
@@ -118,7 +118,7 @@ def require_part(path: Path, part: int, count: int) -> None:
 
 
 def _searched(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
-    """The part that is asked for; else those that are not deep, or all if none is flat."""
+    """The parts to search: the one asked for; else the flat parts, or all if none is flat."""
     # One part serves the colour and the depth file; where there is one part, it chooses nothing.
     if part is not None and len(headers) > 1:
         require_part(path, part, len(headers))
@@ -148,7 +148,7 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
 def by_name(
     path: Path, groups: Sequence[ChannelGroup], wanted: str, kind: str, option: str
 ) -> ChannelGroup:
-    """The one candidate that the user calls ``wanted``."""
+    """The only candidate with the name ``wanted``; an InputError if it is not exactly one."""
     exact = [c for c in groups if wanted in _names(c)]
     folded = wanted.casefold()
     matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
@@ -185,7 +185,7 @@ def labels(candidates: Sequence[ChannelGroup]) -> list[str]:
 def only_one(
     path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
 ) -> ChannelGroup:
-    """The only candidate there is."""
+    """The only candidate; an InputError if there are several."""
     if len(candidates) == 1:
         return candidates[0]
     names = labels(candidates)
@@ -195,18 +195,18 @@ def only_one(
 
 
 def quoted(name: str) -> str:
-    """A name as a shell takes it."""
+    """A name quoted for a shell."""
     return shlex.quote(name) if name.isprintable() else name
 
 
 def in_words(names: Sequence[str]) -> str:
-    """Names for a message, the first of many."""
+    """Names for a message; of many names only the first ones."""
     more = len(names) - _SHOWN
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def is_depth(name: str) -> bool:
-    """Whether a channel is a distance by its name."""
+    """Whether the name of a channel says that it holds distances."""
     return last_word(name).lower() in ("z", "zback", "depth")
 
 
@@ -223,7 +223,7 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
 
 
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
-    """The headers of a file with the channels of one view or of no view, named without the view.
+    """The headers with the channels of one view and those of no view, named without the view.
 
     `view`: the name of the view; None for the default one.
     """
@@ -263,7 +263,7 @@ def name_in_view(name: str, view: str) -> str:
 
 
 def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
-    """A part with the channels of a view and those of none."""
+    """The header of a part with the channels of one view and those of no view."""
     if header.view in views:
         channels = header.channels if header.view == chosen else ()
         return replace(header, channels=channels, shown=chosen)

@@ -1,14 +1,14 @@
-"""Deep OpenEXR parts as a picture in focus, or as layers that have one sample of each pixel.
+"""Deep OpenEXR parts as a picture in focus, or as layers with one sample of each pixel.
 
-In the picture in focus, colours and alpha are `over` each other; depth, and what is no colour, is
-that of the nearest sample.
+In the picture in focus, colours and alpha are composited by `over`; depth and the other channels
+are those of the nearest sample.
 
-Of two pictures in one pixel, what lies in one place is mixed by what each absorbs (P. Hillman, The
+Samples of two pictures at one depth of a pixel are mixed by what each absorbs (P. Hillman, The
 Theory of OpenEXR Deep Samples; F. Kainz, Interpreting OpenEXR Deep Pixels, 2013).
 
-Of a pixel of more samples than layers, neighbours near to each other in 1 / distance become one:
-blur is linear in 1 / distance. Nearer ones weaken the light of farther ones by their alpha, and all
-count by what shows of them.
+Where a pixel has more samples than layers, samples close in 1 / distance are merged, as blur is
+linear in 1 / distance. Nearer samples weaken the light of farther ones by their alpha, and each
+sample has the weight of its visible share.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from defocus_core.io.exr.windows import Overscan
 def flat_channels(
     path: Path, header: Header, names: Mapping[str, str], overscan: Overscan
 ) -> dict[str, Any]:
-    """The picture in focus: the channels of the frame by name."""
+    """The channels [H, W] of the picture in focus, in the frame, by name."""
     frame, samples = header.display.grown(overscan), seen(read_deep_samples(path, header))
     share, window, planes = _fractions(samples), samples.window, {}
     for name, kind in names.items():
@@ -56,8 +56,8 @@ def deep_layers(
 ) -> tuple[list[dict[str, Any]], int]:
     """The samples as layers, nearest first, as many as the pixel with most samples needs.
 
-    Returns the arrays [H, W] of each by name of the channel, and the number of pixels that had more
-    samples than there are layers.
+    Returns the arrays [H, W] of each layer by name of the channel, and the number of pixels that
+    had more samples than there are layers.
     """
     frame, layers = header.display.grown(overscan), list[dict[str, Any]]()
     samples, crowded = merge_samples(seen(read_deep_samples(path, header)), (*names, ALPHA))
@@ -72,9 +72,9 @@ def deep_layers(
 
 
 def _fractions(samples: DeepSamples) -> NDArray[Any]:
-    """The share [N] of each sample that nearer ones leave: the product of what each lets through.
+    """The share [N] of each sample that nearer ones let through: the product of 1 - alpha.
 
-    Twice as many samples at each step, for a pixel may have a million of them.
+    Each step doubles the number of samples covered, as a pixel may have a million of them.
     """
     through, index = (1 - samples.values[ALPHA]).astype(np.float64), np.arange(len(samples.rank))
     step = 1
@@ -89,7 +89,7 @@ _OPAQUE = 1e6  # absorption of alpha 1
 
 
 def mix_samples(samples: DeepSamples, light: tuple[str, ...], mixed: NDArray[Any]) -> DeepSamples:
-    """The samples sorted by depth; those of one place are one in the pixels `mixed`."""
+    """The samples sorted by depth; in the pixels `mixed`, samples of equal depth become one."""
     depth = np.nan_to_num(samples.values[DEPTH], nan=np.inf, posinf=np.inf)
     order = np.lexsort((depth, samples.pixel))
     pixel, values = samples.pixel[order], {n: samples.values[n][order] for n in (*light, DEPTH)}
@@ -117,7 +117,7 @@ MAX_LAYERS = 12
 
 
 def merge_samples(samples: DeepSamples, light: tuple[str, ...]) -> tuple[DeepSamples, int]:
-    """The samples, `MAX_LAYERS` a pixel at most, and how many pixels had more.
+    """The samples merged to `MAX_LAYERS` per pixel at most, and the number of pixels with more.
 
     `light`: names of channels, that of alpha last.
     """
@@ -141,7 +141,7 @@ def merge_samples(samples: DeepSamples, light: tuple[str, ...]) -> tuple[DeepSam
 
 
 def _groups(samples: DeepSamples, near: NDArray[Any]) -> NDArray[np.intp]:
-    """The number [N] of the group of each sample: the widest steps of a pixel part its groups."""
+    """The number [N] of each sample's group; the widest steps in a pixel separate its groups."""
     step = np.where(samples.rank > 0, np.roll(near, 1) - near, np.inf)
     mixed = np.arange(len(step)) * 0.6180339887498949 % 1  # equal steps part evenly
     order = np.lexsort((mixed, -step, samples.pixel))

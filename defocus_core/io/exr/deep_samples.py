@@ -3,8 +3,8 @@
 A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
 whose blur is the mean of theirs.
 
-By hand, because OpenImageIO gives samples to Python one by one, 5 µs each, and allocates what a
-file promises before it can be counted. A chunk: the samples of a row, or of the rows of a tile.
+Read without OpenImageIO, which gives samples to Python one by one, 5 µs each, and allocates what
+a file promises before it can be counted. A chunk: the samples of a row, or of the rows of a tile.
 Layout: openexr.com, "OpenEXR File Layout".
 """
 
@@ -33,7 +33,7 @@ _COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
 class _Chunk(NamedTuple):
-    """The header of a chunk: place in px and in the file, sizes of both halves in bytes."""
+    """The header of a chunk: place in px and in the file, sizes in bytes of table and samples."""
 
     y: int
     x: int
@@ -44,18 +44,18 @@ class _Chunk(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A deep part: where its rows lie, and how they are packed."""
+    """The layout of a deep part: place and packing of its rows."""
 
     data: Window
-    tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
+    tile: tuple[int, int]  # (width, height) in px of a tile; of a row if there are no tiles
     compression: int  # of the file format
     channels: tuple[Channel, ...]  # all, in the order of the file
-    sample_bytes: int  # decoded, of a sample
+    sample_bytes: int  # bytes of a decoded sample
 
 
 @once
 def count_samples(path: Path, header: Header) -> tuple[int, int]:
-    """The numbers of samples of the fullest pixel and of all; none is decoded."""
+    """The number of samples in the fullest pixel, and in all pixels; no sample is decoded."""
     with _open(path, header) as (file, part, chunks):
         counts = [_counts(file, part, chunk) for chunk in chunks if chunk.unpacked]
     maximum = max((int(count.max()) for count in counts), default=0)
@@ -64,7 +64,7 @@ def count_samples(path: Path, header: Header) -> tuple[int, int]:
 
 @contextmanager
 def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
-    """The open file of a deep part, with its samples counted."""
+    """The open file of a deep part, its layout, and its chunks with the samples counted."""
     try:
         with path.open("rb") as file:
             part, chunks = _layout(file, header)
@@ -79,7 +79,7 @@ def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_C
 
 
 def _layout(file: BinaryIO, header: Header) -> tuple[_Part, list[_Chunk]]:
-    """A part, and what the headers of its chunks promise, each of which lies where it says."""
+    """The layout of a part, and the headers of its chunks, whose places are checked."""
     version, parts = raw_headers(file)
     start = file.tell()
     for before in parts[: header.index]:
@@ -118,7 +118,7 @@ def _layout(file: BinaryIO, header: Header) -> tuple[_Part, list[_Chunk]]:
 def _unsorted(
     file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]
 ) -> tuple[NDArray[np.int32], dict[str, NDArray[Any]]]:
-    """The samples in the order of the file: the number of the pixel of each, and values."""
+    """The samples in the order of the file: the pixel number [N] of each, and values by channel."""
     values: dict[str, list[NDArray[np.generic]]] = {
         each.name: [np.zeros(0, DTYPES[each.type])] for each in part.channels
     }
@@ -139,7 +139,7 @@ def _unsorted(
 
 
 def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
-    """The number [h, w] of samples of each pixel of a chunk; the file stands before their data."""
+    """The number [h, w] of samples of each pixel of a chunk; the file is left at their data."""
     rows = min(part.tile[1], part.data.height - chunk.y)
     columns = min(part.tile[0], part.data.width - chunk.x)
     file.seek(chunk.at)
@@ -152,7 +152,7 @@ def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
 
 
 def _unpack(data: bytes, size: int, compression: int) -> bytes:
-    """Unpacked bytes of a given size; data of this size were never packed."""
+    """The unpacked bytes, `size` in number; data that already have this size are not packed."""
     if compression == NONE or len(data) == size:
         unpacked = data
     else:  # differences of bytes, of which the even ones stand before the odd ones
@@ -186,7 +186,7 @@ class DeepSamples(NamedTuple):
         return int(self.rank.max(initial=-1)) + 1
 
     def dense(self, chosen: Any, values: NDArray[Any]) -> NDArray[Any]:
-        """The values [N] of the chosen samples, one a pixel, as rows [h, w]; 0 elsewhere."""
+        """The values of chosen samples, at most one per pixel, as an array [h, w]; 0 elsewhere."""
         rows = np.zeros(self.window.height * self.window.width, values.dtype)
         rows[self.pixel[chosen]] = values[chosen]
         return rows.reshape(self.window.height, self.window.width)
@@ -218,12 +218,12 @@ def read_deep_samples(path: Path, header: Header) -> DeepSamples:
 
 
 def ranks(pixel: NDArray[Any]) -> NDArray[np.int32]:
-    """The number of each sample [N] in its pixel, of sorted pixels."""
+    """The rank [N] of each sample in its pixel, from 0, by its pixel number [N], ascending."""
     return (np.arange(len(pixel)) - np.searchsorted(pixel, pixel)).astype(np.int32)
 
 
 def seen(samples: DeepSamples) -> DeepSamples:
-    """The samples that have alpha or light; the others are empty, whatever their Z."""
+    """The samples that have alpha or light, without the empty ones."""
     alpha, values = samples.values[ALPHA], samples.values
     if alpha.all():
         return samples
@@ -234,7 +234,7 @@ def seen(samples: DeepSamples) -> DeepSamples:
 
 
 def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
-    """The middle of volumes in 1 / distance; of surfaces, their distance."""
+    """The distance of each sample: of a volume, its middle in 1 / distance; of a surface, its Z."""
     with np.errstate(divide="ignore", invalid="ignore"):
         between = 2 / (1 / front + 1 / back)
     return np.where((back > front) & (front > 0), between, front).astype(np.float32)

@@ -1,7 +1,7 @@
 """Headers of OpenEXR files, read without trust and before any pixel is allocated.
 
-By hand, because no library gives an attribute back as it stands in the file: OpenEXR's binding for
-Python refuses a header with text that is not UTF-8, OpenImageIO turns attributes into its own.
+Read without a library, because none returns an attribute as it is in the file: OpenEXR's binding
+for Python refuses text that is not UTF-8, and OpenImageIO converts attributes to its own.
 Layout: openexr.com, "OpenEXR File Layout".
 """
 
@@ -44,7 +44,7 @@ STRUCTURAL = {
 
 
 class Raw(NamedTuple):
-    """An attribute of a header as it stands in the file: of any type, and of any text."""
+    """An attribute of a header as it is in the file, of any type."""
 
     kind: str
     value: bytes
@@ -55,15 +55,15 @@ class Channel:
     """One channel of a header."""
 
     name: str
-    type: str  # uint, half or float; of no EXR, as NumPy or OpenImageIO names it
-    plain: str  # its name without that of a view
+    type: str  # uint, half or float; of other files as NumPy or OpenImageIO has it
+    plain: str  # the name of the channel without the name of a view
 
 
 @dataclass(frozen=True)
 class Header:
     """The header of a part of an EXR file, or of a page or array of another file.
 
-    Its attributes are those that another file may carry.
+    `attributes` are those that an output may carry.
     """
 
     index: int
@@ -75,9 +75,9 @@ class Header:
     pixel_aspect: float = 1.0  # width of a pixel by its height
     # The views whose channels are in one part, the default one first
     multi_view: tuple[str, ...] = ()
-    shown: str = ""  # the view that the channels are restricted to; empty if to none
+    shown: str = ""  # the view that the channels are restricted to; empty for all
     compression: str = "zip"  # the codec of its pixels, as `compression` names it
-    whole: bool = True  # whether it is no thumbnail or mask of another one, as of a TIFF
+    whole: bool = True  # False for a thumbnail or mask of another page of a TIFF
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
     @property
@@ -92,7 +92,7 @@ class Header:
         return raw.value.decode("utf-8", "replace") if raw and raw.kind == "string" else ""
 
     def cut_note(self, kept: Overscan) -> str:
-        """A note on pixels beyond the display window or missing in it; empty without any."""
+        """A note on pixels beyond the display window or missing in it; empty if there are none."""
         data, display = self.data, self.display
         overscan = f"overscan {kept}" if any(kept) else ""
         is_cropped = not display.grown(kept).covers(data)
@@ -107,7 +107,7 @@ class Header:
 
     @property
     def label(self) -> str:
-        """The part's name in messages, or its number if it has none."""
+        """The name of the part in messages; its number if the part has no name."""
         return self.name or str(self.index)
 
     @property
@@ -117,7 +117,7 @@ class Header:
 
 
 class _Refused(Exception):  # noqa: N818 - it is said of a header
-    """A sound header of a file that is not read: code, problem and remedy."""
+    """The refusal of a file with a valid header: code, problem and remedy."""
 
 
 def is_exr(head: bytes) -> bool:
@@ -126,13 +126,13 @@ def is_exr(head: bytes) -> bool:
 
 
 def no_exr(path: Path) -> InputError:
-    """The error for another file in the place of an OpenEXR file."""
+    """The error for a file that is not OpenEXR although it should be."""
     return InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
 
 
 @once
 def read_headers(path: Path) -> tuple[Header, ...]:
-    """Headers of all parts, sizes checked."""
+    """The headers of all parts of a file, with checked sizes."""
     if not is_exr(read_head(path)):
         raise no_exr(path)
     try:
@@ -158,7 +158,7 @@ def read_headers(path: Path) -> tuple[Header, ...]:
 
 
 def read_attributes(file: BinaryIO) -> dict[str, Raw]:
-    """Attributes of the header that comes next in a file; none at the end of a list of headers."""
+    """The attributes of the next header in an open file; empty at the end of the headers."""
     attributes = {}
     while name := _text(file):
         kind = _text(file)
@@ -174,7 +174,7 @@ def read_attributes(file: BinaryIO) -> dict[str, Raw]:
 
 
 def _limit(**counts: int) -> None:
-    """Refuse a header before more of it is read than any picture has."""
+    """Refuse a header whose counts of parts, attributes or bytes exceed those of any picture."""
     for name, count in counts.items():
         if count > _MOST[name]:
             problem = f"has a header of more than {_MOST[name]} {name}"
@@ -182,7 +182,7 @@ def _limit(**counts: int) -> None:
 
 
 def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
-    """The beginning of a file of one part in scan lines, up to its table of offsets."""
+    """The first bytes of a file with one scan-line part, up to the table of offsets."""
     names = [name.encode() for pair in attributes.items() for name in (pair[0], pair[1].kind)]
     version = 2 | (_LONG_NAMES if max(map(len, names)) > _SHORT_NAME else 0)
     parts = [MAGIC, struct.pack("<I", version)]
@@ -200,7 +200,7 @@ def _text(file: BinaryIO) -> str:
 
 
 def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
-    """The flags of a file, and the attributes of each part; the table of its first part is next."""
+    """The version and flags of a file, and each part's attributes; leaves it at the first table."""
     (_, version) = struct.unpack("<4sI", file.read(8))
     if version & 0xFF != 2:
         raise ValueError(f"format version {version & 0xFF}, not 2")
@@ -238,7 +238,7 @@ _KINDS = {
 
 
 def _check(name: str, raw: Raw) -> None:
-    """Refuse an attribute that no reader accepts, here or in an output that carries it."""
+    """Refuse an attribute that no reader of the file, or of an output with it, would accept."""
     if _KINDS.get(name, raw.kind) != raw.kind:
         raise ValueError(f"{name} is of type {raw.kind}")
     if len(raw.value) != _SIZES.get(raw.kind, len(raw.value)):
@@ -279,7 +279,7 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
 
 
 def channels_of(value: bytes) -> list[Channel]:
-    """The channels of the attribute of that name."""
+    """The channels in the value of the attribute ``channels``."""
     channels: list[Channel] = []
     at = 0
     while value[at : at + 1] != b"\0":
@@ -300,7 +300,7 @@ def channels_of(value: bytes) -> list[Channel]:
 
 
 def _texts(value: bytes) -> tuple[bytes, ...]:
-    """The texts of an attribute of several, each behind its length."""
+    """The texts in the value of a ``stringvector``, each stored after its length."""
     texts: list[bytes] = []
     at = 0
     while at < len(value):
@@ -319,12 +319,12 @@ class Codec(NamedTuple):
 
     number: int
     rows: int
-    loses: tuple[str, ...] = ()  # types of numbers of which it keeps some digits alone
-    # The last words of the names of channels that it changes; empty for any
+    loses: tuple[str, ...] = ()  # types of numbers that the codec rounds
+    # The last words of names of channels that the codec changes; empty for any
     names: frozenset[str] = frozenset()
 
     def changes(self, name: str, kind: str) -> bool:
-        """Whether it may change the numbers of a channel, of a NumPy type."""
+        """Whether the codec may change the numbers of channel `name`, of the NumPy type `kind`."""
         return kind in self.loses and (not self.names or name.rpartition(".")[2] in self.names)
 
 
@@ -347,13 +347,13 @@ _LEVEL = "dwaCompressionLevel"  # attribute of a header
 
 
 def codec_of(name: str) -> tuple[Codec, dict[str, float]]:
-    """The codec of a name like ``dwaa:100``, and the attributes that its level is written by."""
+    """The codec of a name like ``dwaa:100``, and the attributes that store its level."""
     name, _, level = name.partition(":")
     return CODECS[name], {_LEVEL: float(level)} if level else {}
 
 
 def codec_name(header: Mapping[str, bytes]) -> str:
-    """The name of the codec of a header, by the values of its attributes; zip if it is unknown."""
+    """The name of the codec by the attributes of a header; zip if it is unknown."""
     number = header.get("compression", b"\3")[0]
     name = next((name for name, codec in CODECS.items() if codec.number == number), "zip")
     level = header.get(_LEVEL, b"")

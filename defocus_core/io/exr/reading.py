@@ -1,6 +1,6 @@
 """OpenEXR pixels, in: native half, float and uint arrays of the frame.
 
-The frame is the display window and the overscan that is asked for. Pixels outside the data window
+The frame is the display window with the wanted overscan. Pixels outside the data window
 are 0. OpenImageIO decodes a strip of rows at a time.
 """
 
@@ -82,7 +82,7 @@ def _part(
 def _decode(
     path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
 ) -> dict[str, NDArray[Any]]:
-    """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""
+    """The channels of a window, read type by type, as OpenImageIO converts mixed types."""
     names = file.spec().channelnames
     if not types.keys() <= set(names):
         raise damaged(path, "two lists of channels")

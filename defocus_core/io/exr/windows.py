@@ -17,7 +17,7 @@ class Overscan(NamedTuple):
         return "{} px left, {} top, {} right, {} bottom".format(*self)
 
     def smaller(self, other: Overscan) -> Overscan:
-        """On each side the fewer pixels of two overscans."""
+        """The overscan with the smaller number of pixels of two overscans on each side."""
         return Overscan(*map(min, self, other))
 
     def shown(self, height: int, width: int) -> tuple[slice, slice]:
@@ -55,7 +55,7 @@ class Window(NamedTuple):
         return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
     def overscan(self, display: Window, *, whole: bool = False) -> Overscan:
-        """The pixels beyond a display window: up to its longer side, where blur ends."""
+        """The overscan beyond a display window, at most its longer side in px unless `whole`."""
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
         maximum = max(display.width, display.height)
@@ -73,7 +73,7 @@ class Window(NamedTuple):
         return Window(self.x0 - left, self.y0 - top, self.x1 + right, self.y1 + bottom)
 
     def cut(self, other: Window) -> tuple[slice, slice]:
-        """The rows and columns of this window that lie in another; none if they are apart."""
+        """The rows and columns of this window that lie in another; empty slices if none do."""
         places = []
         for start, end, first, last in zip(self[:2], self[2:], other[:2], other[2:], strict=True):
             begin = min(max(first, start), end + 1)
@@ -82,16 +82,16 @@ class Window(NamedTuple):
         return rows, columns
 
     def paste(self, plane: Any, pixels: Any, window: Window) -> None:
-        """Fill the array of this window with the pixels of another, where they meet."""
+        """Copy the pixels of another window into the array of this window, where both overlap."""
         place, met = self.cut(window), pixels[window.cut(self)]
         if met.size:
             plane[place] = met
 
 
 class Layout(NamedTuple):
-    """Where the pixels of a file lie."""
+    """The place of the pixels of a file."""
 
     corner: tuple[int, int] = (0, 0)  # x and y of the first pixel
-    display: Window | None = None  # the display window; None of all pixels
+    display: Window | None = None  # the display window; None if it is all pixels
     # The views whose channels are in the file, the default one first; none of one
     views: tuple[str, ...] = ()

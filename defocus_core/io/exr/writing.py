@@ -1,7 +1,6 @@
 """OpenEXR pixels, out: one scan-line part, the same bytes for the same arrays.
 
-ZIP is the codec whose corruption is noticed on reading, unless another is asked for. No date is
-written.
+The codec is ZIP unless another is named, as readers notice damage to ZIP. No date is written.
 """
 
 from __future__ import annotations
@@ -38,9 +37,9 @@ def write_exr(
     layout: Layout = Layout(),  # noqa: B008 - a constant
     compression: str = "zip",
 ) -> None:
-    """Write one part whose pixel types are those of the arrays.
+    """Write a file of one part, with the pixel types of the arrays.
 
-    The chunks are those of a file that OpenEXR encodes, below the wanted header.
+    OpenEXR encodes the chunks; the wanted header replaces the header of OpenEXR.
 
     `channels`: name to float16, float32 or uint32 array [H, W]; tags and profiles of photographs in
     `attributes` are left out.
@@ -81,9 +80,9 @@ def write_exr_image(
     compression: str = "zip",
     clamped: int = 0,
 ) -> list[str]:
-    """Write colours [H, W], and others with their own types; a warning if some had to be clamped.
+    """Write colours [H, W] and extras of their own types; returns a warning if any were clamped.
 
-    `clamped`: number of pixels of half colours that were clamped before.
+    `clamped`: number of pixels of half colours that the caller has clamped.
     """
     if exr_type == "half" and any(plane.dtype == "f4" for plane in colors.values()):
         beyond = [clamped_half(plane)[1] for plane in colors.values()]
@@ -97,7 +96,7 @@ def write_exr_image(
 def _encoded(
     channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, object], codec: Codec
 ) -> io.BytesIO:
-    """The file that OpenEXR makes of channels and attributes other than `Raw` ones."""
+    """The file that OpenEXR encodes from channels and attributes, without `Raw` ones."""
     with delayed_signals():
         import OpenEXR
 
@@ -109,7 +108,7 @@ def _encoded(
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
-    """``values`` as half, clamped to ±65504, and those clamped; NaN stays NaN."""
+    """``values`` as half, clamped to ±65504, and the mask of the clamped; NaN stays NaN."""
     largest = np.float32(np.finfo(np.float16).max)
     if not values.size or max(float(values.max()), -float(values.min())) <= largest:
         return values.astype(np.float16), np.zeros(values.shape, bool)

@@ -1,9 +1,9 @@
 """Colour images decoded for blurring: scene-linear, premultiplied by alpha.
 
 EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
-otherwise. Light keeps the primaries of the file; the attributes declare them. EXR alpha is
-premultiplied by definition; other files' is multiplied in here, in linear light. Of an EXR file a
-layer is the colour; further channels are light that is blurred with it, or carried as they are.
+otherwise. Light keeps the primaries of the file, which the attributes declare. EXR colour is
+premultiplied by definition; other colour is multiplied by alpha here, in linear light. In an EXR a
+layer is the colour; further channels are light that is blurred with it, or copied unchanged.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 class Color:
     """A decoded colour image.
 
-    `pixels` is the whole picture, `planes` are its parts.
+    `pixels` is one array of all channels, `planes` has an array for each.
     """
 
     # Arrays [H, W], half or float32, scene-linear, premultiplied: of the C channels, then of passes
@@ -65,11 +65,11 @@ class Color:
     overscan: Overscan = NO_OVERSCAN  # pixels of planes and extras beyond the picture shown
     passes: tuple[str, ...] = ()  # names of further channels of light, blurred with the picture
     note: str = ""  # how the samples were read, in words
-    warnings: tuple[str, ...] = ()  # what of the file was not applied, in words
+    warnings: tuple[str, ...] = ()  # notes on what the file declares that was not applied
     left_out: tuple[str, ...] = ()  # parts of the EXR file that no output can carry, in words
     compression: str = "zip"  # the codec of an EXR file
-    within_white: bool = False  # whether its samples are integers, which hold no more than white
-    orientation: int = 1  # by which the picture was turned upright, as Exif counts them
+    within_white: bool = False  # whether samples are integers, which end at white
+    orientation: int = 1  # the Exif orientation that was undone, 1 to 8
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -85,7 +85,7 @@ class Color:
 
     @property
     def is_cut(self) -> bool:
-        """Whether its EXR file lacks pixels of the picture."""
+        """Whether the EXR file lacks pixels of the picture."""
         (x, y), (width, height) = self.corner, self.size
         frame = Window(x, y, x + width - 1, y + height - 1).grown(self.overscan)
         return self.data is not None and not self.data.covers(frame)
@@ -125,7 +125,7 @@ def read_color(
 ) -> Color:
     """Decode a colour image.
 
-    `layer`, `part`, `view`: of an EXR file, or page of a TIFF; `overscan`: pixels beyond the
+    `layer`, `part`, `view`: of an EXR file; `part`: or a TIFF's page; `overscan`: pixels beyond the
     display window that are read, too; `blur_channels`: names or patterns of further light;
     `original`: whether the sharp picture inside a photograph is taken, where there is one;
     `carried`: whether further channels of an EXR file are read.
@@ -199,7 +199,7 @@ def _no_exr(path: Path, part: int | None, *, original: bool) -> Color:
 
 
 def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
-    """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
+    """The number of pixels that are NaN or beyond ±`maximum`, and the first as text x,y."""
     most = np.float32(maximum)
     return count_of(~np.logical_and.reduce([np.abs(p) <= most for p in color.planes]))
 
@@ -262,7 +262,7 @@ _THUMBNAIL = "preview"  # attribute of an EXR header
 def _planes(
     part: ExrPart, chosen: ChannelGroup, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
-    """The names and arrays of a colour layer, with alpha if it is smaller than its frame."""
+    """The names and arrays of a colour layer; alpha is added if pixels of the frame are missing."""
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
     frame = header.display.grown(overscan)
@@ -275,7 +275,7 @@ def _planes(
 
 
 def _aspect(header: Header) -> float:
-    """Width of a pixel by its height, 1 if it is nearly square."""
+    """The width of a pixel divided by its height; 1 if it is nearly square."""
     aspect = header.pixel_aspect
     return 1.0 if abs(aspect - 1) <= _NEARLY_SQUARE else aspect
 
@@ -299,7 +299,7 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
 def _extras(
     parts: Sequence[ExrPart], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Channels beside the layer, PART.NAME of other parts; and what no output can carry."""
+    """The channels outside the layer by name (PART.NAME), and notes on parts left out."""
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}
     left_out = []

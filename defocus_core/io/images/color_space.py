@@ -1,9 +1,9 @@
 """Colour spaces of files: what they declare, and the curves between their samples and light.
 
 The curve is sRGB's (IEC 61966-2-1), a power, or none. An ICC profile of a matrix and curves
-(ICC.1:2022, 8.3.4), or of grey (8.3.5), has it in its TRC tags, as a formula or a table, whatever
-its name is. A blur is linear in light, so that curves are all it needs: primaries and profile stay
-as they came. Another curve, as of a profile of tables, is not applied, and a warning says so.
+(ICC.1:2022, 8.3.4), or of grey (8.3.5), has the curve in its TRC tags, as a formula or a table. A
+blur is linear in light and needs only the curve: primaries and profile stay unchanged. Any other
+curve, as in a profile of tables, is not applied, and a warning says so.
 """
 
 from __future__ import annotations
@@ -44,21 +44,21 @@ CODES = "CICP"  # OpenImageIO's name of the attribute
 
 
 class Profile(NamedTuple):
-    """How R, G and B of a file, or its grey, become light."""
+    """The curve by which R, G and B of a file, or its grey, become light."""
 
     gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     primaries: Chromaticities
 
 
 class Embedded(NamedTuple):
-    """The colour profile of a file, for its outputs: the bytes and the curve."""
+    """The colour profile of an input, to be embedded in outputs: the bytes and the curve."""
 
     data: bytes
     gamma: float | None  # as of `Profile`; None too where its curve is not known
 
 
 def read_profile(data: bytes) -> Profile | None:
-    """The profile in the bytes of a file; None where it holds no curve that is known."""
+    """The profile decoded from its bytes; None if it has no known curve."""
     try:
         (count,) = struct.unpack_from(">I", data, _HEAD)
         table = data[_HEAD + 4 : _HEAD + 4 + 12 * min(count, _MAX_TAGS)]
@@ -76,7 +76,7 @@ def read_profile(data: bytes) -> Profile | None:
 
 
 def sound_profile(data: bytes, colors: int) -> bytes:
-    """The profile at the start of bytes; empty if encoders do not accept it.
+    """The bytes of the profile at the start of `data`; empty if encoders do not accept it.
 
     ICC.1:2022, 7.2. A wrong number of colours makes libpng end the process.
     """
@@ -99,7 +99,7 @@ def _fixed(data: bytes) -> tuple[float, ...]:
 
 
 def _gamma(data: bytes) -> float | None:
-    """The exponent of a curve, None for that of sRGB; ValueError if it is another."""
+    """The exponent of a curve, None for sRGB; raises ValueError for any other curve."""
     light = _curve(data)
     if np.allclose(light, srgb_to_linear(_STEPS), rtol=0, atol=_SAME_LIGHT):
         return None
@@ -113,7 +113,7 @@ def _gamma(data: bytes) -> float | None:
 
 
 def _curve(data: bytes) -> NDArray[np.float64]:
-    """The light of a curve at `_STEPS`; its numbers as ICC.1:2022, 10.6 and table 68, has them."""
+    """The light at the samples `_STEPS` by a curve as ICC.1:2022, 10.6 and table 68, stores it."""
     if data[:4] == b"curv":
         (count,) = struct.unpack_from(">I", data, 8)
         numbers = np.frombuffer(data, ">u2", count, 12) if count else np.array([256])
@@ -173,7 +173,7 @@ def color_space(spec: Any) -> ColorSpace:
 
 
 def _declared(spec: Any, kind: str) -> tuple[float | None, str]:
-    """The exponent that the file declares, or that its numbers have, and what is not applied."""
+    """The exponent declared by a file, or usual for its type; and a space that is not applied."""
     # named like ``srgb_rec709_scene``: curve, primaries, reference
     space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
     gamma: float | None = spec.get_float_attribute("oiio:Gamma", 0.0)
@@ -202,7 +202,7 @@ def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def encoded_light(light: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
-    """Encoded samples of linear light, both 0…1; the power is 1 for linear, None for sRGB."""
+    """Encoded samples of linear light, both 0…1; `gamma` is 1 for linear, None for sRGB."""
     if gamma is None or gamma == 1:
         return linear_to_srgb(light) if gamma is None else light
     return np.maximum(light, np.float32(0)) ** np.float32(1 / gamma)
@@ -210,7 +210,7 @@ def encoded_light(light: NDArray[np.float32], gamma: float | None) -> NDArray[np
 
 @cache
 def _table(bits: int, gamma: float | None) -> NDArray[np.float32]:
-    """Linear light of every integer of 8 or 16 bits, [2^bits]."""
+    """The linear light [2^bits] of every integer of 8 or 16 bits."""
     return _light(np.arange(2**bits) / (2**bits - 1), gamma)
 
 
@@ -253,9 +253,9 @@ def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
 def quantised(
     values: NDArray[np.float32], bits: int, dither: NDArray[np.float32] | None = None
 ) -> NDArray[Any]:
-    """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped.
+    """Values 0…1 as the nearest integers of 8 or 16 bits; values outside are clipped.
 
-    `dither`: parts of a level, less than a half, that are added before; None for none.
+    `dither`: fractions of a level, within ±0.5, added before rounding; None for none.
     """
     clipped = np.clip(np.nan_to_num(values, nan=0.0), 0.0, 1.0)
     scaled = clipped * np.float32(2**bits - 1)

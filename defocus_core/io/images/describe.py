@@ -24,13 +24,13 @@ MOST_NUMBERS, NUMBERS_OF_A_BYTE = 2**26, 32
 
 @dataclass(frozen=True)
 class FileInfo:
-    """The header of a colour or depth file."""
+    """The contents of the header of a colour or depth file."""
 
     path: Path
     width: int  # of the picture shown, in px
     height: int  # in px
     parts: tuple[Header, ...]  # one, except in some EXR and TIFF files
-    pixels: int  # as many as are read at most, with those beyond the picture shown
+    pixels: int  # the most that are read, with those beyond the picture shown
 
     @property
     def deep(self) -> bool:
@@ -49,7 +49,7 @@ class FileInfo:
 
     @property
     def nearly_empty(self) -> str:
-        """The numbers claimed by a file too small for a picture, in words; else empty."""
+        """The count of numbers in words, if the file is too small to hold so many; else empty."""
         size = self.path.stat().st_size
         if self.numbers <= max(MOST_NUMBERS, NUMBERS_OF_A_BYTE * size):
             return ""
@@ -58,7 +58,7 @@ class FileInfo:
 
 @once
 def describe(path: Path) -> FileInfo:
-    """The header of a colour or depth file, of which no pixel is decoded."""
+    """The header of a colour or depth file; no pixel is decoded."""
     head = read_head(path, 32)
     if is_exr(head):
         headers = read_headers(path)
@@ -81,7 +81,7 @@ def describe(path: Path) -> FileInfo:
 
 
 def _of_arrays(path: Path, entries: Mapping[str, ArrayEntry]) -> FileInfo:
-    """The arrays of a file: its size is that of the first."""
+    """The header of a file of arrays; its size is that of the first array."""
     from defocus_core.io.array_files import squeezed_shape
 
     channels, sizes = [], []
@@ -102,7 +102,7 @@ def _part(
     deep: bool = False,
     whole: bool = True,
 ) -> Header:
-    """A page or an array, of channels by name and type, as a part."""
+    """The header of a page or an array as that of an EXR part; `channels`: (name, type) of each."""
     frame = Window(0, 0, width - 1, height - 1)
     named = tuple(Channel(name, kind, name) for name, kind in channels)
     return Header(index, "", named, frame, frame, deep=deep, whole=whole)

@@ -1,9 +1,9 @@
 """Images encoded in the format of their suffix, and written whole.
 
 PNG (8 or 16 bit), TIFF (16 bit), JPEG and WEBP (8 bit): sRGB, converted from the primaries that the
-attributes declare, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is what shows
-over black. They keep an `Embedded` profile with its curves and primaries, and all but WEBP the
-`Tag` attributes of such an input. The same pixels and attributes make the same bytes: no date is
+attributes declare, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is composited
+over black. All keep an `Embedded` profile with its curves and primaries, and all but WEBP keep the
+`Tag` attributes of an input. The same pixels and attributes make the same bytes: no date is
 added.
 """
 
@@ -60,7 +60,7 @@ def write_image(
     has_clipped: bool = True,
     smooth: Any = None,
 ) -> list[str]:
-    """Write an image by its suffix; warnings of what the file cannot hold, one clause each.
+    """Write an image in the format of its suffix; returns warnings of losses, one clause each.
 
     `planes`: C arrays [H, W], scene-linear, premultiplied if A is among the C channels; `bits`: of
     a PNG; `attributes`, of which `Tag` and ``defocus:*`` are kept; `has_clipped`: whether clipped
@@ -120,7 +120,7 @@ def srgb_matrix(
 
 
 def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Parts of a level [h, W, 1], less than a half, that are added to smooth pixels."""
+    """The fractions of a level [h, W, 1], within ±0.5, that are added to smooth pixels."""
     # spread evenly over any small square, by powers of the plastic number (Roberts 2018)
     y, x = np.arange(rows.start, rows.start + len(smooth))[:, None], np.arange(smooth.shape[1])
     offsets = ((0.5698402909980532 * y + 0.7548776662466927 * x) % 1 - 0.5) * _HALF_LEVEL * 2
@@ -166,7 +166,7 @@ def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
 
 
 def write_samples(path: Path, samples: NDArray[Any], codec: str, attributes: Attributes) -> None:
-    """Write uint8, uint16 or float32 samples [H, W, C] as they are; alpha is unassociated."""
+    """Write uint8, uint16 or float32 samples [H, W, C] unchanged; alpha is unassociated."""
     with written_whole(path) as file:
         encode(path, file, samples, codec, attributes)
 
@@ -174,7 +174,7 @@ def write_samples(path: Path, samples: NDArray[Any], codec: str, attributes: Att
 def encode(
     path: Path, file: BinaryIO, samples: NDArray[Any], codec: str, attributes: Attributes
 ) -> None:
-    """Encode samples into a new file, and read them back; ``path`` stands in errors."""
+    """Encode samples into a new file, and read them back as a check; errors name ``path``."""
     # of a full disk PNG says nothing, JPEG ends the process, and WEBP never ends
     spec = _spec(samples, codec, attributes)
     _require_room(file, 2 * spec.image_bytes() + _OTHER_BYTES)
@@ -194,7 +194,7 @@ def _require_room(file: BinaryIO, count: int) -> None:
 
 
 def _encoder_error(target: str, spec: Any, samples: NDArray[Any], codec: str) -> str:
-    """Encode samples to a file; what the encoder complains about, empty if nothing."""
+    """Encode samples to a file; returns the message of the encoder, empty on success."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     with quiet():
@@ -205,7 +205,7 @@ def _encoder_error(target: str, spec: Any, samples: NDArray[Any], codec: str) ->
 
 
 def _reader_error(name: Path) -> str:
-    """What the reader of a file complains about, empty if all its rows are decoded."""
+    """The message of the decoder of a file; empty if all rows are decoded."""
     try:
         with quiet(), opened_image(name, partial(damaged, name)) as file:
             spec = file.spec()

@@ -53,7 +53,7 @@ def primaries_attribute(primaries: Chromaticities) -> dict[str, Raw]:
 
 
 def same_primaries(a: Chromaticities, b: Chromaticities) -> bool:
-    """Whether two sets are the same but for rounding."""
+    """Whether two sets of primaries are equal except for rounding."""
     return max(abs(x - y) for x, y in zip(a, b, strict=True)) <= _SAME
 
 
@@ -114,7 +114,7 @@ def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
 def primaries_of_columns(columns: NDArray[np.float64]) -> Chromaticities:
     """The primaries of the columns X, Y, Z [3, 3] of an ICC profile, adapted to D50.
 
-    They are named ones if they match; else as seen beside the white D50, to the same effect.
+    A named set is returned if it matches; else the primaries with the white D50, equivalent.
     """
     for known in NAMED.values():
         native = xyz_of_primaries(known)
@@ -125,7 +125,7 @@ def primaries_of_columns(columns: NDArray[np.float64]) -> Chromaticities:
 
 
 def converted(pixels: NDArray[np.float32], matrix: NDArray[np.float32] | None) -> Any:
-    """Linear pixels [H, W, 3…] whose first three channels are taken through a matrix [3, 3]."""
+    """Linear pixels [H, W, 3…] with the first three channels multiplied by a matrix [3, 3]."""
     if matrix is None:
         return pixels
     return np.concatenate([pixels[..., :3] @ matrix.T, pixels[..., 3:]], axis=-1)

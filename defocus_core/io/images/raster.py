@@ -1,7 +1,7 @@
 """PNG, JPEG, TIFF, WEBP and HDR files, decoded by OpenImageIO.
 
-Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
-to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
+Samples are returned as in the file: without colour conversion, and not multiplied by alpha (by
+default OpenImageIO multiplies sRGB integers by alpha, which loses precision and is not linear).
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ class Raster:
     space: ColorSpace  # how its samples become light
     associated: bool = False  # whether colour is already multiplied by alpha
     deep: bool = False  # whether it holds deep data, which has no samples
-    orientation: int = 1  # by which it was turned, as Exif counts them: 1 is upright, 2 to 8
+    orientation: int = 1  # the Exif orientation that was undone, 1 to 8; 1 is upright
     page: int = 0  # which image of the file it is, from 0: a TIFF may have several
     bits: int = 0  # of each sample, where the file has fewer than the type; else 0
-    whole: bool = True  # whether it is no thumbnail or mask of another one
+    whole: bool = True  # False for a thumbnail or mask of another image
     tags: Mapping[str, Tag] = field(default_factory=dict)  # its metadata on camera and author
 
 
@@ -140,7 +140,7 @@ def read_samples(path: Path, page: int = 0) -> NDArray[Any]:
 
 
 def open_heic(path: Path) -> Any:
-    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for."""
+    """A HEIC file opened by pillow-heif; pixels are decoded on access."""
     try:
         import pillow_heif
     except ImportError:
@@ -170,7 +170,7 @@ def _heic_page(path: Path) -> Raster:
 
 @contextmanager
 def _open(path: Path, formats: str) -> Iterator[Any]:
-    """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
+    """The open `ImageInput` of a file; errors propose ``formats``."""
     head = read_head(path)
     if path.suffix.lower() == ".exr":
         raise no_exr(path)
@@ -188,7 +188,7 @@ def _open(path: Path, formats: str) -> Iterator[Any]:
 
 
 def upright(stored: Any, orientation: int) -> Any:
-    """An array [H, W, …] as it is stored, turned by its orientation (EXIF 1 to 8)."""
+    """A stored array [H, W, …], turned upright by its orientation (EXIF 1 to 8)."""
     turned = stored.swapaxes(0, 1) if orientation in SIDEWAYS else stored
     turned = turned[::-1] if orientation in _BOTTOM_UP else turned
     return turned[:, ::-1] if orientation in _RIGHT_TO_LEFT else turned
@@ -223,7 +223,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
 
 
 def _canonical(spec: Any) -> Iterator[str]:
-    """Channel names; a lone or first grey channel is Y, and a map of ours keeps its name."""
+    """The channel names: Y for grey, A for alpha, and its own for a map written by this program."""
     program, _, own = spec.get_string_attribute(OWN_CHANNEL).rpartition(":")
     if spec.nchannels == 1 and f"{program}:" == OWN and own.isidentifier():
         yield own
@@ -254,7 +254,7 @@ class Tag(NamedTuple):
 
 
 def tags_of(spec: Any) -> dict[str, Tag]:
-    """The tags in an OpenImageIO ``spec``, by name, the shortest first, as many as fit a JPEG."""
+    """The tags of an OpenImageIO ``spec`` by name, shortest first; only as many as fit a JPEG."""
     tags = {
         each.name: Tag(_text(each.value) if isinstance(each.value, str) else each.value)
         for each in spec.extra_attribs

@@ -46,7 +46,7 @@ def is_pattern(path: Path) -> bool:
 
 
 def _with_hashes(path: Path) -> Path:
-    """A path whose frame is written with #, as all that read it know."""
+    """A frame pattern with the frame written as #, the form that its readers use."""
 
     def hashes(found: re.Match[str]) -> str:
         return "#" * (int(found[1] or 1) if found[0][0] == "$" else len(found[0]))
@@ -105,7 +105,7 @@ def frames_of(pattern: Path) -> dict[int, Path]:
 def chosen(
     patterns: Mapping[Path, Mapping[int, Path]], choice: FrameChoice
 ) -> tuple[tuple[int, ...], str]:
-    """The frames to render, which all patterns have, and which frames were skipped, in words."""
+    """The frames to render, which all patterns have, and a note on frames that were skipped."""
     wanted = choice.numbers or expected({n for files in patterns.values() for n in files})
     lacking = {
         pattern: lost

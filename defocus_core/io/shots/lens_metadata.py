@@ -41,7 +41,7 @@ def _same(value: float, _: Numbers) -> float:
 
 
 def _equivalent(value: float, numbers: Numbers) -> float:
-    """The width of the sensor of the upright picture, by the diagonal of 35 mm film."""
+    """The width of the sensor in mm, by the focal length `value` equivalent on 35 mm film."""
     foclen, width, height = (numbers.get(n, 0.0) for n in ("Exif:FocalLength", "width", "height"))
     if not (foclen > 0 and value > 0 and width > 0):
         return math.nan
@@ -88,7 +88,7 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
 
 
 def _numbers(path: Path) -> dict[str, float]:
-    """The metadata of a file that are numbers, by name."""
+    """The numeric metadata of a file by name."""
     if not is_exr(read_head(path)):
         page = read_pages(path)[0]
         said = {n: tag.value for n, tag in page.tags.items() if isinstance(tag.value, int | float)}
@@ -104,7 +104,7 @@ def _numbers(path: Path) -> dict[str, float]:
 
 
 def _number(raw: Raw) -> float | None:
-    """The number that an attribute holds, also as a text."""
+    """The number that an attribute holds, as a number or as a text; None if it holds none."""
     try:
         if raw.kind == "string":
             return float(raw.value.decode())

@@ -35,7 +35,7 @@ def reach(radius: float, limit: int) -> int:
 def _transform_lengths(limit: int) -> list[int]:
     """Multiples of 16 of the form 2^a 3^b 5^c 7^d with b <= 2 and c, d <= 1.
 
-    They transform up to 1.6 times as fast per sample as their neighbours.
+    Transforms of these lengths are up to 1.6 times as fast per sample as those of lengths nearby.
     """
     odd = [3**b * 5**c * 7**d for b in range(3) for c in range(2) for d in range(2)]
     powers = [2**a for a in range(4, limit.bit_length() + 1)]
@@ -145,7 +145,7 @@ def blurred(
 
 
 def _inverse(spectra: Tensor, window: tuple[int, int], box: Box) -> Tensor:
-    """The inverse transform in a box, of whose rows alone it is along them."""
+    """The inverse transform in a box; along rows, only those in the box are transformed."""
     rows = torch.fft.ifft(spectra, dim=-2)[..., box.top : box.top + box.height, :]
     whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
     return whole[..., box.left : box.left + box.width]
@@ -198,7 +198,7 @@ class TransformWindow:
         return self.aperture.requires_grad or requires_grad(self.views)
 
     def seen(self, views: Sequence[Rim]) -> TransformWindow:
-        """The same window with a pupil as points of the frame see it."""
+        """The same window with the pupil as seen from points of the frame."""
         window = replace(self, views=tuple(views), kernels={}, spectra={}, planes={})
         window.prepare()
         return window

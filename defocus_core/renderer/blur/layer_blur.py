@@ -2,8 +2,8 @@
 
 A disc many px wide blurs away fine detail. So slices of large radii are averaged to 1/2, 1/4, ...
 of the resolution, blurred over a whole region there, and interpolated by cubics (Keys 1981). Where
-the pupil changes over the frame, a pixel's blur is the mean of those at the corners of its region,
-bilinear in its place. Neighbouring regions share corners, so that no seam is left.
+the pupil changes over the frame, a pixel's blur is interpolated bilinearly between the blurs
+at the corners of its region. Neighbouring regions share corners, so that no seam is left.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CORNERS = 4
 
 
 def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
-    """One layer [m, C + 1, h, w] of layers [4 m, C + 1, h, w]."""
+    """One layer [m, C + 1, h, w], bilinear between those [4 m, C + 1, h, w] of four corners."""
     down, across = (
         ((torch.arange(side.first, side.end).to(layer) + 0.5 - whole.first) / whole.length).clamp(
             0, 1
@@ -196,6 +196,6 @@ class Blur:
         return blurred(terms, self._groups, window.size, Box(margin, margin, *tile[2:]))
 
     def _sharp(self, _: TransformWindow, slice_indices: range, index: int) -> Tensor:
-        """A layer whose slices are not blurred, by all parts alike."""
+        """A layer [M, C + 1, h, w] whose slices are not blurred; the same for all parts."""
         pixels = self.surface.members(slice_indices, self._grid.tiles[index]).sum(1)
         return pixels.expand(self._groups[-1].stop, *pixels.shape)

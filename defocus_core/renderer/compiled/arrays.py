@@ -45,7 +45,7 @@ class Statistics(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """The light that is 1: float32 is fine enough for that, also for its squares."""
+        """The light that counts as 1, so that float32 holds all light, and its squares."""
         return 2.0 ** math.floor(math.log2(self.limit)) if self.limit > 0 else 1.0
 
 
@@ -74,7 +74,7 @@ def rendered_alone(
 ) -> ArrayViews | None:
     """The views of a picture [3, H, W] with radii [H, W] px; None if torch must decide.
 
-    Its settings must be carried.
+    The settings must be supported, see `carries_settings`.
     """
     seen, is_exact = look_at(radius), settings.depth_repair == "off"
     if not seen.usable or not (is_exact or seen.clean):
@@ -99,7 +99,7 @@ def rendered_alone(
 
 
 def _is_cut(radius: NDArray[np.float32]) -> bool:
-    """Whether light comes from farther away than a frame is continued; radii [H, W] px."""
+    """Whether light from beyond the continued frame reaches the frame; radii [H, W] px."""
     border = radius[:1], radius[-1:], radius[:, :1], radius[:, -1:]
     widest = max(float(np.abs(line).max()) for line in border)
     return widest > _WIDEST and _REACH * widest + _MORE > min(radius.shape)
@@ -156,7 +156,7 @@ def samples_of(
 
 
 def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Zeros in small pages, which take memory once written; NumPy's come in huge pages."""
+    """Zeros in small pages of memory, allocated once written; those of NumPy are in huge pages."""
     if math.prod(shape) < _MANY:
         return np.zeros(shape, np.float32)
     private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)
@@ -165,7 +165,7 @@ def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
 
 
 def _bounds(statistics: Statistics, count: int, settings: Settings) -> Bounds:
-    """The bounds of the views of a picture of so many channels."""
+    """The bounds of the views of a picture with `count` channels."""
     unit, known = statistics.unit, statistics.channels[:count]
     others = [(statistics.minimum, math.inf)] * (count - len(known))
     least, greatest = np.array([*known, *others]).T / unit

@@ -31,8 +31,8 @@ _NOTHING = np.zeros((2, 0), np.float32)
 class Samples(NamedTuple):
     """The surfaces of a picture: light and radius at each pixel."""
 
-    # [1 or 2, H, 4 W] three colours premultiplied by coverage, and coverage: of what the depth
-    # names, and of parts of nearer surfaces in the same pixels
+    # [1 or 2, H, 4 W] three colours premultiplied by coverage, and coverage: of the surface at
+    # the depth of each pixel, then of the part of a nearer surface in the same pixel
     light: NDArray[np.float32]
     radius: NDArray[np.float32]  # [1 or 2, H, W] signed, px
     range: tuple[float, float]  # least and greatest radius
@@ -44,7 +44,7 @@ class HiddenSamples(NamedTuple):
 
     light: NDArray[np.float32]  # [1, h, 4 w] as of `Samples`
     radius: NDArray[np.float32]  # [1, h, w] signed, in coarse pixels
-    range: tuple[float, float]  # least and greatest radius in px of what is there
+    range: tuple[float, float]  # least and greatest radius in px where coverage is not 0
 
 
 def render(
@@ -57,9 +57,9 @@ def render(
     edges: bool,
     threads: int,
 ) -> tuple[NDArray[np.float32], int]:
-    """The views [1 or 3, C + 1, H, W] of a picture, colours and trust; how many px were negative.
+    """The views [1 or 3, C + 1, H, W] of a picture, colours and trust; the count of negative px.
 
-    lights: [1 or 3, C, H, W] to add, of as many views as are wanted, or [1 or 3, C, 1, 0];
+    lights: [1 or 3, C, H, W] to add to each wanted view, or [1 or 3, C, 1, 0] for none;
     outline: of the opening; min_slope: of the radius, px per px, below which a surface counts as
     level; edges: whether surfaces hide others.
     """

@@ -19,13 +19,13 @@ F32 = np.float32
 class Bounds(NamedTuple):
     """Bounds of the views of a picture, see `compositing/saturating_sum.py`."""
 
-    # [C, 4] least and greatest value of each channel, with what rounding may exceed them by, and of
-    # left and right, which may exceed them
+    # [C, 4] least and greatest value of each channel, widened for rounding, then those of left and
+    # right, which are wider
     range: NDArray[np.float32]
     minimum: float  # least light
-    negative: float  # below which a pixel of left or right is counted
+    negative: float  # light below which a pixel of left or right is counted as negative
     left: float  # the share of left in the light of left and right
-    apart: float  # how far left and right are apart, as a share of what they are without crosstalk
+    apart: float  # the difference of left and right, as a share of that without crosstalk
 
 
 class BandInputs(NamedTuple):
@@ -35,7 +35,7 @@ class BandInputs(NamedTuple):
     reduced: CoarseLayers
     steps: NDArray[np.int64]  # the order of slots, see `composite`
     sides: NDArray[np.int64]  # [slots] the side of focus, see `composite_row`
-    needed: NDArray[np.uint8]  # [slots] the least slot that must be seen for it to show
+    needed: NDArray[np.uint8]  # [slots] the nearest slot that the lens must see for each to show
     sight: NDArray[np.uint8]  # [H, W] the farthest slot seen, or [1, 0] if nothing limits it
     lights: NDArray[np.float32]  # [views, C, H, W] to add, or [views, C, 1, 0]
     bounds: Bounds
@@ -43,7 +43,7 @@ class BandInputs(NamedTuple):
 
 @compiled
 def _take_all(surfaces, reduced, shares, left, y, room, coarse):
-    """Copy row y of all slots to the sums of a room; left: the share of the left half."""
+    """Write row y of all slots to `room.sums`; left: the share of the left half."""
     take_rows(room, y)
     add_points(surfaces, y, shares, room)
     sums, ends, right = room.sums, room.ends, F32(1 - left)

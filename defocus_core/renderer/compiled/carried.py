@@ -84,9 +84,9 @@ def bytes_of_loops(
     lights: bool = False,
     others: bool = False,
 ) -> float:
-    """Upper bound of the bytes to render a (height, width), without input and output.
+    """Upper bound of the bytes to render (height, width) px, without input and output.
 
-    `others`: whether torch finds its surfaces.
+    `others`: whether torch finds the surfaces.
     """
     height, width = size
     pair = settings.left_right

@@ -16,7 +16,7 @@ class Coarse(NamedTuple):
 
     length: NDArray[np.int64]  # [levels, 2]
     before: NDArray[np.int64]  # [levels, 2] pixels missing before the first one of the finer level
-    odd: NDArray[np.int64]  # [2] whether every second pixel makes one, with half of its neighbours
+    odd: NDArray[np.int64]  # [2] whether one is a pixel and half of both neighbours, not two pixels
     origin: NDArray[np.float64]  # [levels, 2] the place of pixel 0 of the frame among them
 
 

@@ -82,7 +82,7 @@ def add_behind(front, layer, first, last, invented, sight, needed):
 def set_aside(front, covered, before, aside):
     """Set aside the layers nearer than focus, and continue with an uncovered row.
 
-    covered: [W] coverage nearer than focus, before: [W] that before the hidden layers behind it;
+    covered: [W] coverage nearer than focus; before: [W] all coverage before the hidden layers;
     aside: [6, W] the row, and the coverage with which the compositing continues.
     """
     for x in range(front.shape[1]):

@@ -37,7 +37,7 @@ _STEPS, _NORMAL = np.array(limits.LINE_STEPS), (1 + limits.UNCLEAR**2) ** 0.5 - 
 
 @entry
 def cones_at_edges(radius, grain, coarse):
-    """The surfaces at edges of depth around coarse pixels as cones, and whether there are any.
+    """The surfaces at depth edges around coarse pixels, as cones, and whether there are edges.
 
     The first array [h, w] holds the greatest cone with the radius of its edge, the second minus the
     distance in px of the closest edge with its radius. grain: px of one grain.
@@ -102,7 +102,7 @@ def read_level(levels, n, y, x, around, border, ceiling):
     """The mean of the surfaces around a place in px with radii in a range.
 
     around: distance in px of two places on both sides, which are averaged. Returns three colours,
-    the radius, and three values of structure if there are any, times their weight, and the weight.
+    the radius and, if known, three values of structure, all times the weight, then the weight.
     """
     values, limits = levels.values, levels.limits
     start, height, width = levels.size[n, 0], levels.size[n, 1], levels.size[n, 2]
@@ -138,7 +138,7 @@ def read_level(levels, n, y, x, around, border, ceiling):
 
 @compiled
 def _direction(tensor, color):
-    """The direction (y, x) in which a place changes least, and how clear it is."""
+    """The direction (y, x) in which the picture changes least, and how clear the direction is."""
     xx, xy, yy = tensor
     flat = 1.2e-38 + limits.NO_SLOPE**2 * (color[0] ** 2 + color[1] ** 2 + color[2] ** 2)
     trace = xx + yy + flat
@@ -153,7 +153,7 @@ def _direction(tensor, color):
 
 @compiled
 def _first_beyond(half, i, j, y, x, border):
-    """The first coarse pixel along a direction beyond a radius, and its distance in px."""
+    """The first coarse pixel along a direction with a radius above `border`; its distance in px."""
     height, width = half.size[0, 1], half.size[0, 2]
     for step in _STEPS:
         dy, dx = y * step / 2, x * step / 2

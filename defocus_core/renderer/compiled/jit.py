@@ -18,13 +18,13 @@ _OPTIONS: dict[str, Any] = {
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, for others that are compiled; Python cannot call it."""
+    """The function as machine code that compiled functions can call, and Python cannot."""
     options = {**_OPTIONS, "no_cpython_wrapper": True}
     return numba.njit(**options)(function)  # type: ignore[no-any-return]
 
 
 def entry(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, for Python; cached on disk with the functions that it calls."""
+    """The function as machine code that Python can call; cached on disk with all that it calls."""
     config: Any = numba.config
     place, before = folder(), config.CACHE_DIR
     config.CACHE_DIR = str(place or before)

@@ -24,14 +24,14 @@ class DepthLook(NamedTuple):
 
     range: tuple[float, float]  # least and greatest, px
     step: float  # px, greatest difference between neighbours
-    usable: bool  # whether all may be rendered
-    clean: bool  # whether they need no repair, but perhaps that of displaced edges
+    usable: bool  # whether all radii may be rendered
+    clean: bool  # whether the depth needs no repair, except perhaps of displaced edges
     hard: float  # px, the least step of an edge that may be displaced
 
 
 @entry
 def look_at_depth(radius, by):
-    """Look at radii [H, W] px: the fields of `DepthLook`.
+    """The fields of `DepthLook`, in order, of radii [H, W] px.
 
     by: ratio of the size to that of a picture in which all ramps are examined.
     """
@@ -198,7 +198,7 @@ def _is_hard(values):
 
 @compiled
 def _are_no_averages(radius):
-    """Whether few pixels on edges lie between both surfaces, such as averages."""
+    """Whether few pixels on edges have radii between those of both surfaces, as averages have."""
     height, width = radius.shape
     count, hard, values = 0, 0, np.empty(7, np.float32)
     for y in range(height):

@@ -43,7 +43,7 @@ def set_light(image, scale, light):
 
 @compiled
 def _side_of(colors, radii, weight, side):
-    """The mean, variance and radius of the pixels with a weight: side [7]; returns the weight."""
+    """Write mean, variance and radius of weighted pixels to side [7]; return their total weight."""
     total = 0.0
     for k in range(weight.shape[0]):
         total += weight[k]
@@ -93,7 +93,7 @@ def _thin_side(square, s, sides, room):
 
 @compiled
 def _coverage(color, own, other, expected):
-    """The most probable coverage of a colour by its own surface, and an expected one."""
+    """The most probable coverage by the own surface, from a colour and an expected coverage."""
     evidence = observed = 0.0
     for c in range(3):
         apart, variance = own[c] - other[c], (own[3 + c] + other[3 + c]) / 2
@@ -186,7 +186,7 @@ def _read_square(picture, border, y, x, square):
 
 @compiled
 def _find_sides(square, sides, room):
-    """Both surfaces of a square, the nearer one first: sides [2, 7]; says if they are known."""
+    """Write the surfaces of a square, nearer first, to sides [2, 7]; return whether both exist."""
     colors, radii, near, weight, on_edge = square
     first = second = False
     for s in range(2):
@@ -202,9 +202,9 @@ def _find_sides(square, sides, room):
 def split_mixed(picture, light, radii):
     """Split mixed pixels: light [2, H, 4 W] of their own surface, and of nearer ones.
 
-    picture: [3, H, W] colours, a scale of theirs, the brightness that a highlight exceeds, and
-    radii [H, W]; light: that of the picture, and 0; radii: [2, H, W], theirs. Returns whether any
-    holds a nearer surface besides its own.
+    picture: colours [3, H, W], their scale, the brightness that a highlight exceeds, and radii
+    [H, W]; light: that of the picture, then 0, overwritten; radii: [2, H, W] of both surfaces,
+    overwritten. Returns whether any pixel holds a part of a nearer surface.
     """
     radius, count = picture[3], _SIDE * _SIDE
     square = (

@@ -32,7 +32,7 @@ class Opening(NamedTuple):
     spans: NDArray[np.float32]  # [2, n, 2 reach + 1, 2] px, nearer than focus and beyond it
     area: NDArray[np.float32]  # [n] one divided by the area in px
     left_area: NDArray[np.float32]  # [2, n] the same of the half whose lens points are u.x < 0
-    # [n] of the blur, near focus of the next one of NEAR; the rest is of the one before, or a point
+    # [n] weight in the blur; near focus, the rest is the next smaller disc of NEAR, or a point
     share: NDArray[np.float32]
     reach: int
 
@@ -106,7 +106,7 @@ def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _chords(outline: Outline, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Where an opening begins and ends at heights in radii of the lens, down; equal outside."""
+    """Begins and ends of rows of an opening at y, down, in radii of the lens; equal outside."""
     if isinstance(outline, Squeezed):
         inner = _chords(outline.outline, y * float(outline.down))
         return tuple(x / float(outline.across) for x in inner)
@@ -127,7 +127,7 @@ def _chords(outline: Outline, y: NDArray[np.float64]) -> tuple[NDArray[np.float6
 
 
 def _corners(outline: Polygon | CurvedPolygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places x and y, down, along the rim of blades in radii of the lens."""
+    """Places x and y (down) along the rim of blades, in radii of the lens."""
     half, curvature = math.pi / outline.sides, float(getattr(outline, "curvature", 0.0))
     middle = np.radians(outline.rotation) + half * (2 * np.arange(outline.sides)[:, None] + 1)
     if not curvature:

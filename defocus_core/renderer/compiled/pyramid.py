@@ -32,13 +32,13 @@ class Levels(NamedTuple):
     values: NDArray[np.float32]
     limits: NDArray[np.float32]  # [n, 2, 3]
     size: NDArray[np.int64]  # [levels, 3] where each begins, its height and its width
-    place: NDArray[np.float64]  # [levels, 3] px of a coarse pixel, and where pixel 0 is
+    place: NDArray[np.float64]  # [levels, 3] px of a coarse pixel, and row and column of pixel 0
 
 
 def levels_for(coarse: Coarse, span: float) -> tuple[Levels, Levels]:
-    """Room for the level of half resolution and for coarser ones, for radii that span so many px.
+    """Empty levels, that of half resolution and the coarser ones, for radii that span `span` px.
 
-    `coarse`: of more levels than there may be.
+    `coarse`: the coarse pixels of more levels than are returned.
     """
     most = 2
     while coarse.length[most].max() > 1 and 1 << most < WIDER * span:
@@ -51,7 +51,7 @@ def levels_for(coarse: Coarse, span: float) -> tuple[Levels, Levels]:
 
 
 def _room(coarse: Coarse, levels: range, count: int) -> Levels:
-    """Room for levels of so many values."""
+    """Empty levels with `count` values of each surface."""
     sizes = coarse.length[levels.start : levels.stop]
     ends = sizes.prod(1).cumsum()
     size = np.column_stack([ends - sizes.prod(1), sizes])
@@ -96,7 +96,7 @@ def fill_levels(light, radius, limit, coarse, half, levels):
 
 @compiled
 def _taps(odd, number):
-    """The pixels averaged to coarse pixel k, and their shares.
+    """The pixels averaged to coarse pixel k, counted from pixel 2 k, and their shares.
 
     odd: of the axis; number: of the level. Returns the first, the one after the last, and shares.
     """

@@ -105,7 +105,7 @@ def _find_profile(radius, y, x, rise, positions):
 
 @compiled
 def _compare(colors, counts, likely, costs, told):
-    """The costs of all displacements by the colours of a profile; told: those beyond the samples.
+    """Write costs of displacements by a profile's colours; add votes of px beyond samples to told.
 
     likely: [2, 2 REACH + 1] to work in.
     """

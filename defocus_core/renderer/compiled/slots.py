@@ -34,10 +34,10 @@ class Slots(NamedTuple):
 
     least: list[float]  # px, signed, the radius from which on pixels are of each visible layer
     octaves: dict[int, int]  # the slot of each octave
-    levels: NDArray[np.int64]  # how many times the resolution is halved at which each is spread
+    levels: NDArray[np.int64]  # how many times resolution is halved before each is spread
     widest: list[float]  # px, the greatest radius of each
     ends: list[float]  # px, where each visible layer ends, whatever the picture holds
-    visible: NDArray[np.int16]  # [2, n] those of radii nearer than focus and beyond it, by STEPS
+    visible: NDArray[np.int16]  # [2, n] slots of radii nearer than focus and beyond, by steps
     hidden: NDArray[np.int16]  # the same of octaves
 
     @property
@@ -50,7 +50,7 @@ class Slots(NamedTuple):
     def needed(self) -> NDArray[np.uint8]:
         """The nearest slot that the lens must see for each slot to show.
 
-        That of a visible slot is itself, that of an octave the first visible slot with its radii.
+        A visible slot needs itself, an octave the first visible slot with radii of the octave.
         """
         begins = [r if r > 0 else -end for r, end in zip(self.least, self.ends, strict=True)]
         first = []
@@ -61,7 +61,7 @@ class Slots(NamedTuple):
         return np.array([*range(len(begins)), *first], np.uint8)
 
     def rows(self, level: int, which: set[int]) -> list[int]:
-        """Rows of a level that the discs of the wanted slots reach; 0 for other slots."""
+        """Number of rows of a level that discs of each wanted slot reach; 0 for other slots."""
         reach = [math.ceil(max(w / (1 << level), NEAR[1])) + 2 for w in self.widest]
         return [n if s in which else 0 for s, n in enumerate(reach)]
 
@@ -96,9 +96,9 @@ def _numbers(numbering: _Numbering, count: int) -> NDArray[np.int64]:
 def _table(
     numbering: _Numbering, ends: tuple[float, float]
 ) -> tuple[range, float, NDArray[np.int16]]:
-    """The layer numbers of radii in px, negative if nearer; the greatest radius; a table.
+    """The range of layer numbers (negative before focus), the greatest radius in px, and a table.
 
-    The table [2, n] has the numbers of radii nearer than focus and beyond it, less the first.
+    The table [2, n] has, for radii nearer than focus and beyond it, the number less the first.
     """
     steps = [int(abs(r) * STEPS + 1 - HALF) for r in ends]
     count = -(-max(steps) // STEPS) * STEPS + 2

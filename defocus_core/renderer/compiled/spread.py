@@ -28,7 +28,7 @@ class SurfaceRow(NamedTuple):
     radius: NDArray[np.float32]  # [n] px
     slot: NDArray[np.int16]  # [n], -1 where nothing is
     slope: NDArray[np.float32]  # [2, n] px per px, x and y
-    moved: NDArray[np.float32]  # [4 n] what the light of the left half has more
+    moved: NDArray[np.float32]  # [4 n] light that the left half has in addition
     work: NDArray[np.float32]  # [4, 4 n] to compute in
     before: int  # pixels before the first one of the frame
 
@@ -183,7 +183,7 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
 def _run_of(line, j, n, scale, moves):
     """Copy n pixels of a line, times a scale, to its room: light, what slopes add to it, and moves.
 
-    Returns whether some have slopes down, and moves.
+    Returns whether any pixel has a slope down, and whether any has moves other than 0.
     """
     c, cy, cm = line.work[0], line.work[1], line.work[2]
     sloping = moving = False
@@ -258,13 +258,13 @@ def _mark(ring, reached, y, band, before):
 
 @compiled
 def step_of(radius):
-    """The number of a radius in STEPS of a px, whatever its sign."""
+    """The size of a radius in steps of 1 / STEPS px, whatever its sign."""
     return np.int64(abs(radius) * F32(STEPS) + F32(1 - HALF))
 
 
 @compiled
 def _same_from(slots, radius, x, most):
-    """The number of pixels from the x-th on with its slot, step of radius and side of focus."""
+    """The number of pixels from x on alike in slot, step and side; then their step and side."""
     slot, side, q, n = slots[x], radius[x] > 0, min(step_of(radius[x]), most), 1
     while x + n < radius.shape[0] and slots[x + n] == slot:
         other = radius[x + n]

@@ -28,7 +28,7 @@ class SlotSurfaces(NamedTuple):
     slot: NDArray[np.int16]  # [n, H, W], -1 where nothing is
     # [2, H, W] slope of the radius of the first one, px per px, x and y; [2, 0, 0] if it is level
     slope: NDArray[np.float32]
-    # [H, 4 W] what its light of the left half has more, see `lost_shifts`; [0, 0] if nothing
+    # [H, 4 W] light that its left half has in addition, see `lost_shifts`; [0, 0] if none
     moved: NDArray[np.float32]
 
 
@@ -182,7 +182,7 @@ def _clear(sums, slot, first, end):
 
 @compiled
 def add_points(surfaces, y, shares, room):
-    """Add to the sums of row y what stays in its pixels near focus; shares: of the disc there."""
+    """Add light near focus that stays in its pixel to the sums of row y; shares: of the disc."""
     sums, ends, views = room.sums, room.ends, room.ring.views
     light, radius, slot, _, moved = surfaces
     for k in range(radius.shape[0]):
@@ -205,10 +205,10 @@ def add_points(surfaces, y, shares, room):
 
 @entry
 def halved(surfaces, levels, level, side, coarse, table):
-    """The surfaces of one side of focus that are spread at a level or a coarser one, in its pixels.
+    """The surfaces of one side of focus that are spread at a level or coarser, in px of the level.
 
     surfaces: in pixels of the level before; levels: of the slots; coarse: `Coarse`. Pixels beyond
-    the frame are those on its edge.
+    the frame equal those on its edge.
     """
     h, w = coarse.length[level, 0], coarse.length[level, 1]
     light, radius = np.zeros((1, h, 4 * w), np.float32), np.zeros((1, h, w), np.float32)

@@ -38,7 +38,7 @@ def _fraction_hidden(
     full: Tensor | float,
     room: Tensor,  # [h, w], the share of a gap that is no error
 ) -> Tensor:
-    """The share [M, 1, h, w] of a hidden layer that is seen."""
+    """The share [M, 1, h, w] of a hidden layer that the lens sees."""
     whole = coverage = behind.layer[:, -1:].clamp(min=0)
     if shown is not None:
         whole = whole + shown.layer[:, -1:].clamp(min=0)
@@ -58,8 +58,8 @@ class Aside(NamedTuple):
     """Surfaces that were set aside."""
 
     composited: Tensor  # [M, C + 1, h, w], all that was composited
-    covered: Tensor  # [M, 1, h, w], the coverage that the composition went on with
-    invented: Tensor | None  # as that of `TileCompositor`
+    covered: Tensor  # [M, 1, h, w], the coverage with which compositing continued
+    invented: Tensor | None  # [M, h, w], coverage by invented surfaces; None if there is none
 
 
 class TileCompositor:
@@ -198,7 +198,7 @@ class TileCompositor:
 
     @property
     def _negligible(self) -> float:
-        """The gap that is not worth filling."""
+        """The greatest gap that is not worth filling, as coverage."""
         return _NEGLIGIBLE if isinstance(self.sight, Openings) else 0.0
 
     @property

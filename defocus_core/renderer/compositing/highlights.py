@@ -52,7 +52,7 @@ def split(
 ) -> tuple[Sequence[SampleLayer], list[Highlights]]:
     """Separate highlights from layers, which keep ordinary light there.
 
-    `channels`: how many are colours, which alone the highlights have; alpha stays as it is.
+    `channels`: number of colour channels; highlights have only these, and alpha is unchanged.
     """
     lights = [layer.light for layer in layers]
     brightness = [light.detach()[:channels].amax(0) for light in lights]
@@ -111,11 +111,11 @@ class _Occluders:
     def clear(
         self, at: Tensor, radius: Tensor, lens: Sequence[Tensor], *, interpolated: bool
     ) -> Tensor:
-        """The share [n, a, b] of lens points that no nearer surface stands before.
+        """The share [n, a, b] of each lens point that no nearer surface hides.
 
         `at`: [n, 2] rows and columns of lights; `radius`: [n] px of them; `lens`: rows [n, a] and
-        columns [n, b] of lens points; `interpolated`: whether coverage is that between pixels
-        beside edges.
+        columns [n, b] of lens points; `interpolated`: whether coverage beside edges is
+        interpolated between pixels.
         """
         limit = nearer_than(radius.detach())
         covered = radius.new_zeros(len(at), lens[0].shape[1], lens[1].shape[1])
@@ -134,7 +134,7 @@ class _Occluders:
         return 1 - covered.clamp(max=1)
 
     def _has_pixels(self, k: int, at: Tensor, away: Sequence[Tensor]) -> Tensor:
-        """Whether a slice has pixels [n] in the blocks of rectangles px away from lights."""
+        """Whether [n] a slice has pixels in the blocks of rectangles at offsets from lights."""
         ends = []
         for d, (px, length) in enumerate(zip(away, self._size, strict=True)):
             limits = (at[:, d] + px.amin(1)).floor(), (at[:, d] + px.amax(1)).ceil()
@@ -148,7 +148,7 @@ class _Occluders:
     def _coverage(
         self, k: int, at: Tensor, away: Sequence[Tensor], limit: Tensor, *, interpolated: bool
     ) -> Tensor:
-        """The coverage [n, a, b] by a slice at places some rows [n, a] and columns [n, b] away."""
+        """The coverage [n, a, b] by a slice, rows [n, a] and columns [n, b] away from lights."""
         (n, a), b = away[0].shape, away[1].shape[1]
         rows, columns = (
             # rounding must not depend on the side of a place in the middle between two pixels
@@ -212,12 +212,12 @@ class _Group(NamedTuple):
     highlights: Highlights
     radii: Tensor  # [U] px, the different radii of their kernels
     which: Tensor  # [n] the index in `radii` of each highlight
-    weights: Tensor  # [U] of the kernel; the rest of the light stays in its pixel
+    weights: Tensor  # [U] share of the light in the kernel; the rest stays in its pixel
     extent: int  # greatest distance in px from a highlight to a pixel of its disc
     barrel: Rim | None  # the pupil, as each radius sees it
 
     def kernels(self, aperture: Aperture, part: Part) -> Tensor:
-        """The share of their light through a part of the pupil on each pixel: [U, S, S]."""
+        """The share [U, S, S] of light that reaches each pixel through a part of the pupil."""
         kernels = aperture.kernel(self.radii, 2 * self.extent + 1, part, self.barrel)
         if self.extent > _AS_WIDE * math.ceil(_NEAR_FOCUS):
             return kernels
@@ -264,7 +264,7 @@ def draw(
 
 
 def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
-    """Numbers [n, side, side] of the pixels of squares within a box; its area for those beyond."""
+    """Indices [n, side, side] in a box of the pixels of squares; the area of the box if outside."""
     rows, columns = (
         corner[:, d, None] + torch.arange(side, device=corner.device) - start
         for d, start in enumerate(box[:2])
@@ -277,7 +277,7 @@ def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
 def _clear(occluders: _Occluders, at: Tensor, radius: Tensor, corner: Tensor, side: int) -> Tensor:
     """The share [n, side, side] of the squares of discs that nearer surfaces do not hide.
 
-    `at`, `radius`: of the lights; `corner`: [n, 2] px from them to the first pixels.
+    `at`, `radius`: of the lights; `corner`: [n, 2] px from lights to first pixels of squares.
     """
     is_small, clear = radius.detach().abs() < _SMALL, radius.new_ones(len(at), side, side)
     large, small = (torch.nonzero(mask)[:, 0] for mask in (~is_small, is_small))
@@ -335,10 +335,10 @@ def _groups(
 
 
 def _as_by_slices(radius: Tensor, slice_radii: tuple[float, ...]) -> tuple[Tensor, Tensor]:
-    """The radii of kernels of discs of radii [U] px, and their weights; the rest is a point.
+    """The radii [U] px of the kernels of discs, and their weights; the rest of a disc is a point.
 
     Pixels next to focus are the mean of a point and of the first slice out of focus. A light among
-    them has the same blur: a point of it, with their light on it, exceeded the brightest pixel.
+    them is blurred alike: were it a point, with their light on it, it would be too bright.
     """
     weight = torch.ones_like(radius)
     if 0.0 not in slice_radii:

@@ -47,9 +47,9 @@ def left_and_right(
 def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
     """Count the pixels whose left or right image is too dark, which `left_and_right` bounds.
 
-    A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
-    thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
-    wait for its count.
+    A half of the aperture overshoots where detail is as fine as a pixel. Values of less than a
+    thousandth of the brightest are not counted. On a GPU the counts are omitted, as each tile would
+    have to wait for its count.
 
     `halves`: [2, C, h, w], left and right as composited.
     """
@@ -60,7 +60,7 @@ def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> di
 
 
 def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Scalar) -> Tensor:
-    """The pair whose mean is the centre; the ratio of what is above the least light is kept."""
+    """The pair whose mean is the centre, with the same ratio of light above the least light."""
     if minimum:
         centre = centre - minimum
     # transforms leave ±1e-8
@@ -79,7 +79,7 @@ def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Sca
 
 
 def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Scalar) -> Tensor:
-    """Left and right [2, C, ..., h, w] within the range and a tenth of it more on both sides.
+    """Left and right [2, C, ..., h, w], clipped to the range widened by a tenth at both ends.
 
     `centre`: [C, ..., h, w] within the range.
     """
@@ -99,7 +99,7 @@ def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Sc
 def _within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
     """Left and right [2, C, h, w] whose last channel, alpha, is 1 at most; their mean stays.
 
-    What one of them has in excess is of a surface that the other half sees.
+    The excess over an alpha of 1, with its colours, moves to the other view, whose half sees it.
     """
     alpha = pair[:, -1:]
     excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)

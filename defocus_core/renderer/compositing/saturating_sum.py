@@ -56,10 +56,10 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
 
 
 def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
-    """A layer and its `fraction_behind`, with the gradient of coverage that is about to begin.
+    """A layer and its `fraction_behind`, with the gradient of coverage that would rise from 0.
 
-    Where there is room, all of a coverage of 0 shows as soon as there is one, and its gradient with
-    it. What it shows now is rounding, and stays as it is: its share is 1.
+    Where the front leaves room, a coverage rising from 0 shows entirely, and so does its gradient.
+    The present value is rounding and is unchanged; its share is 1.
     """
     fraction = fraction_behind(front, layer, full)
     if not (torch.is_grad_enabled() and layer.requires_grad):
@@ -110,13 +110,13 @@ class ColorRange(NamedTuple):
         return cls(*(sent(limits, like).view(-1, 1, 1) for limits in zip(*every, strict=True)))
 
     def bounded(self, picture: Tensor) -> Tensor:
-        """A picture [C, h, w] within the range."""
+        """A picture [C, h, w], clipped to the range, which is widened for rounding."""
         slack = [limits.SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
         return clamped(picture, self.least - slack[0], self.greatest + slack[1])
 
 
 def clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
-    """Values within limits; those on a limit but for rounding keep their gradient."""
+    """Values clipped to limits; those that differ from a limit by rounding keep their gradient."""
     bounded = values.clamp(least, greatest)
     if not values.requires_grad:
         return bounded

@@ -36,7 +36,7 @@ from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero
 class SightLimits(NamedTuple):
     """The farthest that the lens sees at each pixel."""
 
-    farthest: Tensor  # [..., h, w], the number of the farthest slice
+    farthest: Tensor  # [..., h, w], the number of the farthest slice that is seen
     layer_of: list[int]  # for each slice the number of its layer, ascending
     octaves: list[int]  # for each slice the octave of what is hidden, ascending
 
@@ -57,11 +57,11 @@ class SightLimits(NamedTuple):
         return self._replace(farthest=box.crop(self.farthest))
 
     def to_layer(self, layer_index: int) -> Tensor:
-        """Whether [..., h, w] the lens sees as far as a layer."""
+        """Whether the lens sees as far as a layer: [..., h, w] bool."""
         return self.farthest >= bisect_left(self.layer_of, layer_index)
 
     def to_octave(self, octave: int) -> Tensor:
-        """Whether [..., h, w] the lens sees as far as the hidden surfaces of an octave."""
+        """Whether the lens sees as far as the hidden surfaces of an octave: [..., h, w] bool."""
         return self.farthest >= bisect_left(self.octaves, octave)
 
 
@@ -135,12 +135,12 @@ class Openings(NamedTuple):
         return torch.where(self.layer_index < layer_index, self.room, 1)
 
     def to_octave(self, _: int) -> float:
-        """The share for surfaces that are continued: they fill what is left at last."""
+        """The share for invented surfaces, always 1, as these fill the gaps left at the end."""
         return 1.0
 
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
-    """The reach [h, w] px of the blur of samples that do not continue in all neighbours."""
+    """The greatest blur radius [h, w] px of samples that do not continue in all neighbours."""
     count = int((opaque.detach() < torch.inf).sum(0).amax())
     if not count:
         return torch.zeros_like(opaque[0])
@@ -152,7 +152,7 @@ def _reach_of_edges(opaque: Tensor) -> Tensor:
 
 
 def _reach_in_band(around: Tensor) -> Tensor:
-    """As `_reach_of_edges`, of ascending radii [h + 2, w + 2, L] with the pixels around."""
+    """`_reach_of_edges` of ascending radii [h + 2, w + 2, L], with a border of one pixel."""
     height, width, count = around.shape
     radius = around[1:-1, 1:-1].contiguous()
     ends = torch.zeros_like(radius, dtype=torch.bool)
@@ -167,7 +167,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
 
 
 def _spread(reach: Tensor) -> Tensor:
-    """The px by which each pixel [h, w] lies within the reach of another."""
+    """The greatest reach of any pixel less the distance to it, at each pixel: [h, w] px."""
     for step in range(math.ceil(float(reach.detach().amax())) - 1):
         beside = reach[None, None]
         if step % 2:  # squares and crosses in turn: an octagon is nearly a circle

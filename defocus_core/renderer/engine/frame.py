@@ -62,10 +62,10 @@ class Division(NamedTuple):
     """The parts of the aperture that are composited one by one."""
 
     aperture: Aperture
-    # Its parts: those of the centre view; then a left and a right half, if these are composited
-    # besides
+    # The parts of the centre view; then a left and a right half, if these are composited in
+    # addition
     parts: list[Part]
-    weights: list[Scalar]  # the share of the aperture that each part is
+    weights: list[Scalar]  # for each part the share of the aperture
     centre: slice  # the parts of the centre view
     pair: slice  # the parts of left and right, which may be those of the centre view
 
@@ -82,7 +82,7 @@ class Division(NamedTuple):
 
     @property
     def groups(self) -> list[slice]:
-        """The parts that are transformed together; the centre does not depend on other views."""
+        """The groups of parts transformed together, so that the centre depends on no other view."""
         return [self.centre] if self.pair == self.centre else [self.centre, self.pair]
 
     @property
@@ -115,12 +115,12 @@ class SharedFrame:
     dtype: torch.dtype  # type of the numbers to compute with
     # Rows above and below, and columns on both sides, by which the scene goes on
     beyond: tuple[int, int]
-    cut: bool  # whether light from farther away than that would reach the frame
+    cut: bool  # whether light from beyond these rows and columns would reach the frame
     farthest: int  # the greatest reach of light in px
-    margin: int  # px around a region that its pixels depend on
+    margin: int  # width in px of the border around a region on which its pixels depend
     content: Content  # properties of the pixels
     radii: tuple[float, ...]  # signed radius of each slice in px, ascending
-    # How it is blurred by regions, by its division: compiled loops need neither tiles nor slices
+    # Returns tiles and slices for a division, on first use: compiled loops need neither
     tiled: Callable[[Division], tuple[Grid, Slices]]
 
     @cached_property
@@ -162,10 +162,10 @@ class SharedFrame:
 
     @property
     def trace(self) -> float:
-        """Least coverage by a pixel's own surface, where the pupil may see nothing else.
+        """The least coverage by a pixel's own surface, where the pupil may see nothing else.
 
-        The light of a measured pupil may lie off its centre, and an opaque middle may hide the
-        frame, of which half a pupil sees half a column or row at the border.
+        A measured pupil may have its light off the centre, and an obstruction may hide the frame:
+        at the border half a pupil sees half a column or row of the frame.
         """
         aperture, radii = self.settings.aperture, self.radii
         opaque = float(aperture.fixed.obstruction) * max(abs(radii[0]), abs(radii[-1]))
@@ -215,19 +215,19 @@ def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:
 
 
 class RegionPlace(NamedTuple):
-    """The rectangles of a region, in the frame unless stated."""
+    """The rectangles of a region, in coordinates of the frame unless stated."""
 
     frame: SharedFrame
     grid: Grid
-    outer: Box  # all that its pixels depend on
-    held: Box  # what light reaches it from
-    inner: Box  # the same with what lies beyond the frame
-    inside: Box  # `held` within `outer`
-    core: Box  # its tiles within `outer`
+    outer: Box  # all pixels on which the pixels of the region depend
+    held: Box  # pixels from which light reaches the region
+    inner: Box  # the same, with surroundings of the frame
+    inside: Box  # `held` in coordinates of `outer`
+    core: Box  # the tiles of the region in coordinates of `outer`
 
     @classmethod
     def from_grid(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
-        """The place of the tiles of a region."""
+        """The rectangles of a region of these tiles."""
         box = grid.box
         outer = box.grown(frame.margin, frame.box)
         reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
@@ -250,7 +250,7 @@ class RegionPlace(NamedTuple):
 
 
 def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | None:
-    """The pupils [n] that pixels [n, 2], rows and columns, see."""
+    """The pupils [n] seen from pixels [n, 2], rows and columns; None without a cat's eye."""
     cat_eye = frame.settings.cat_eye
     if cat_eye is None:
         return None

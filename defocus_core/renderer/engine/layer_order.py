@@ -3,7 +3,7 @@
 An invented surface is no sharper than the surface that it continues: half the resolution is enough
 for its blur.
 
-Visible surfaces come first, as they are known, and as their share is right in the mean where
+Visible surfaces come first, as they are known, and as their shares are right on average where
 surfaces out of focus cover each other at random. But a surface in focus occludes exactly: where it
 continues behind a nearer one, nothing beyond focus shows. The same holds for a surface much less
 blurred than the one beyond it.
@@ -85,7 +85,7 @@ class Filling:
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
 
     def octaves(self, index: int, sight: Sight | None) -> dict[int, Tensor]:
-        """The octaves of blur [M, C + 1, h, w] of the surface over a tile, as far as is seen."""
+        """The octaves [M, C + 1, h, w] of the surface over a tile, as far as the lens sees."""
         octaves: dict[int, Tensor] = {}
         for number, shown in sorted(self._blur.tile_layers(index).items()):
             octave = self._octave_of_layer[number]
@@ -95,7 +95,7 @@ class Filling:
         }
 
     def _seen(self, index: int, octave: int, layer: Tensor, sight: Sight | None) -> Tensor:
-        """An octave in px, as far as the lens sees."""
+        """An octave at full resolution, as far as the lens sees."""
         if self.level:
             tile, coarse = self._tiles[index], self._coarse_of[index]
             layer = resampled(layer, *(self._axis_weights(d, tile, coarse, layer) for d in (0, 1)))

@@ -115,7 +115,7 @@ def frame_of(
 def copies_of_tile(layer_of: list[int]) -> int:
     """Number of pictures of a tile held at once, given the layer number of each slice.
 
-    They are the blurred layers, the slices of one layer with their transforms, and their inputs.
+    These are blurred layers, the slices of one layer with their transforms, and the inputs.
     """
     layers = Counter(layer_of)
     return len(layers) + 4 * max(layers.values()) + 10
@@ -128,7 +128,7 @@ def _grid_of(
     layer_of: list[int],
     bytes_each: int,
 ) -> Grid:
-    """The tiles of a frame of a (height, width)."""
+    """The tiles of a frame of (height, width) px."""
     if not launches_cost(device):
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     maximum = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
@@ -169,7 +169,7 @@ def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = No
 
 
 def _hidden_layers(of_hidden: list[int], spreads: list[Spread]) -> list[int]:
-    """The layer of each hidden slice: those of an octave that are blurred alike share one."""
+    """The layer of each hidden slice; slices of an octave that are blurred alike share a layer."""
     pairs = zip(of_hidden, spreads, strict=True)
     kinds = [(octave, spread.level, spread.coarse == 0) for octave, spread in pairs]
     return list(accumulate((kind != before for before, kind in pairwise(kinds)), initial=0))
@@ -215,7 +215,7 @@ def _slicing(
 def _at_resolution(
     radii: tuple[float, ...], quality: Quality, maximum: int, level: int
 ) -> _Resolution:
-    """The slices at a resolution, whose light reaches at most `maximum` px."""
+    """The slices at a resolution, with reaches limited to `maximum` px of the frame."""
     step = 1 << level
     scaled = tuple(r / step for r in radii)
     layer_indices = layer_numbers(radii, quality)
@@ -229,7 +229,7 @@ def _at_resolution(
 def _reach_of(
     limits: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
 ) -> int:
-    """The greatest reach in px of surfaces in a range of radii, from that of each slice."""
+    """The greatest reach in px of surfaces in a range of radii, from the reach of each slice."""
     first, last = sorted(
         (max(bisect_right(radii, limits[0]) - 1, 0), bisect_left(radii, limits[1]))
     )

@@ -1,4 +1,4 @@
-"""The layers of a region: what a picture, or layers with coverage, show and hide there.
+"""The layers of a region: the visible and the hidden parts of a picture, or of a layered scene.
 
 A layer has colour, coverage and radii. Visible layers come first, the nearest at the front.
 """
@@ -45,9 +45,9 @@ _SAMPLES_AT_ONCE = 1 << 17
 class RegionLayers(NamedTuple):
     """The layers in the rectangle `outer` of a region."""
 
-    # Visible ones, nearest first, then other kinds; that of the surface that the depth names first
+    # Visible layers first, nearest first; of a picture, the surface at its depth is the first
     layers: tuple[SampleLayer, ...]
-    lights: list[Highlights]  # which are drawn one by one
+    lights: list[Highlights]  # the highlights, drawn one by one
     # How far the lens sees in the tiles: of a picture, by slices; of layers, past opaque samples.
     # None where no surface hides another
     sight: Sight | None
@@ -86,7 +86,7 @@ def _of_picture(
     radius: Tensor,  # [..., H, W] px
     backdrop: Backdrop | None,
 ) -> RegionLayers:
-    """What a picture and its radii show and hide."""
+    """The visible and the hidden layers of a picture."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
     layers: Sequence[SampleLayer] = (SampleLayer.whole(image, radius),)
     lights, behind, sight = list[Highlights](), list[SampleLayer](), None
@@ -104,7 +104,7 @@ def _of_picture(
 
 
 def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) -> RegionLayers:
-    """What layers show and hide."""
+    """The visible and the hidden layers of a layered scene."""
     frame, slices = place.frame, place.frame.slices
     stack = layered.stack(place.outer, frame.dtype)
     radius, others, sight = stack.signed_radius[0], list[SampleLayer](), None
@@ -154,7 +154,7 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
 def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | float:
-    """Means of `RegionPlace.fractions` over the visible samples of each pixel; 1 if all are."""
+    """Means of `RegionPlace.fractions` over the visible samples of each pixel; 1 if all are 1."""
     first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))
     radius = first.signed_radius
     total = place.fractions(bounds, radius, parts)
@@ -177,7 +177,7 @@ def fractions_seen(
 def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Tensor:
     """The discs of highlights behind surfaces, for each part of the aperture.
 
-    The coverage of a light in layers already excludes the parts that others hide.
+    The coverage of a light in its layer already excludes the parts hidden by other layers.
     """
     radii, (aperture, parts, *_) = place.frame.radii, place.frame.division
     before = seen.layers_of(SOLID) or seen.layers_of(VISIBLE)
@@ -186,7 +186,7 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
 
 
 def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
-    """What hidden surfaces are continued from; None if none is."""
+    """The backdrop from which hidden surfaces are continued; None if none is continued."""
     content, (surface, layered, _) = frame.content, scene
     if not content.edges or (layered is not None and not layered.is_continued):
         return None

@@ -1,9 +1,9 @@
 """The regions of a picture: slice, blur, composite, tile by tile, in order.
 
 Slices of a layer are summed in the Fourier domain; layers are composited front to back, for each
-part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude. What
-a region holds is found first, from a picture or from layers with coverage; the region itself is
-given it, and computes tiles.
+part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude. The
+layers of a region are found first, from a picture or from layers with coverage; `Region` takes
+these layers and computes tiles.
 """
 
 from __future__ import annotations
@@ -125,8 +125,8 @@ class Region:
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
 
-        Of the coverage [M, h, w] of all parts the share that is not invented, times the share of
-        the parts that looks into the frame: what surfaces are continued by was not seen.
+        The share of the coverage [M, h, w] of all parts that is not invented, times the share of
+        the parts that looks into the frame, as surfaces beyond the frame were not seen.
         """
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented

@@ -87,7 +87,7 @@ def scene_of_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> 
 
 
 def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
-    """The scene of a surface with final radii and the known layer behind it.
+    """The scene of a surface, with its final radii, and of the known layer behind the surface.
 
     Returns the surface itself if the layer lies nowhere behind it.
     """
@@ -122,8 +122,8 @@ def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> L
 def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
     """Colours, radii and coverage of three layers: surface, surface behind, nearer shares.
 
-    A mixed pixel whose depth is of the farther surface has a share of the nearer one before it. A
-    mixed pixel whose depth is of the nearer surface is whole where the surface behind is known.
+    A mixed pixel with the depth of the farther surface has a share of the nearer one in front. A
+    mixed pixel with the depth of the nearer one is all of that where the surface behind is known.
     """
     (image, visible), (color, radius, known) = (surface.image, surface.signed_radius), hidden
     behind, whole = known & (radius > visible), torch.ones_like(visible).detach()
@@ -155,13 +155,13 @@ def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tenso
 
 
 def _share(mixed: Tensor, whole: Tensor) -> Tensor:
-    """The share [H, W] of a colour difference [C, H, W] in a mixed one, by least squares."""
+    """The factor [H, W] of `whole` [C, H, W] fitting `mixed` by least squares, in [0, 1]."""
     square = whole.square().sum(0)
     return ((mixed * whole).sum(0) / torch.where(square > 0, square, 1.0)).clamp(0, 1)
 
 
 def _stacked(layers: Sequence[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, Tensor, Tensor]:
-    """Colours, radii and coverage of layers, [L, ...] each, of the types of the first."""
+    """Colours, radii and coverage of layers, each [L, ...] with the type of the first layer."""
     every = zip(*layers, strict=True)
     colors, radii, coverage = (torch.stack([x.to(own[0]) for x in own]) for own in every)
     return colors, radii, coverage
@@ -180,9 +180,9 @@ def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
 class InFocus(NamedTuple):
     """A scene for regions to read: the picture in focus, and its layers."""
 
-    surface: Surface  # of layers with alpha, and the nearest radii
-    layers: Layered | None  # None of one surface
-    reaching: Tensor  # [H, W] px, the radii whose light reaches farthest
+    surface: Surface  # of layers, the picture with alpha and the nearest radii
+    layers: Layered | None  # None for a single surface
+    reaching: Tensor  # [H, W] px, of each pixel the radius of the widest blur
 
     @classmethod
     def from_scene(cls, scene: Scene) -> InFocus:

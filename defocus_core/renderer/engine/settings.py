@@ -39,7 +39,7 @@ class Quality:
     # Number of parts of the aperture that are composited one by one for the centre image: 1, 4
     # or 16. With 1, the dual-pixel pair composites its halves in addition
     parts: int
-    known_parts: int  # the same where layers say what is hidden: more parts are more accurate then
+    known_parts: int  # the same where layers say what is hidden, as more parts are more accurate
 
     def of_layers(self, deepest: int) -> Quality:
         """The same settings for layers."""

@@ -27,13 +27,13 @@ _BITS = 16  # first bits of a number, by which numbers are counted
 
 @dataclass(frozen=True)
 class Ranks:
-    """Numbers by rank, from 1 upwards; negative ones count as 0.
+    """Numbers looked up by ascending rank, from 1; negative numbers count as 0.
 
     The bits of numbers that are not negative order like the numbers.
     """
 
     values: Tensor  # [...], at least 0
-    counts: Tensor  # [2^15] how many have the same first 16 bits, of which one is the sign
+    counts: Tensor  # [2^15] count of numbers by their first 16 bits, the sign being 0
 
     @classmethod
     def counted(cls, values: Tensor) -> Ranks:
@@ -55,7 +55,7 @@ class Ranks:
         return float(alike[rank - 1 - int(self.counts[:first].sum())])
 
     def _limits(self, first: int) -> tuple[float, float]:
-        """The least and the greatest number with these first bits."""
+        """The least and the greatest number whose first 16 bits are `first`."""
         size = self.values.dtype.itemsize
         bits = torch.tensor([first, first + 1], dtype=torch.int64 if size == 8 else torch.int32)
         bits = (bits << (size * 8 - _BITS)) - torch.tensor([0, 1], dtype=bits.dtype)

@@ -1,4 +1,4 @@
-"""Content that a nearer surface hides: where the lens sees it, and its colour and radius.
+"""Content hidden by a nearer surface: its place, colour and radius where the lens sees it.
 
 hidden: not visible through a pinhole, but through a part of the aperture.
 revealed: hidden, and visible through the aperture behind a depth edge.

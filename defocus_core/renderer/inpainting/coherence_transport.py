@@ -52,7 +52,7 @@ def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
 
 
 def _sum_beside(steps: Tensor, dim: int) -> Tensor:
-    """For each pixel the sum of the two values between it and its neighbours; one at a border."""
+    """The sum of the two steps between each pixel and its neighbours; one step at a border."""
     n = steps.shape[dim] - 1
     first, last = steps.narrow(dim, 0, 1), steps.narrow(dim, n, 1)
     inner = steps.narrow(dim, 0, n) + steps.narrow(dim, 1, n)
@@ -88,7 +88,7 @@ def transported(
 
 
 def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """The direction in which n pixels change least, [n, 2] as y and x, and how clear it is, [n]."""
+    """The direction [n, 2] (y, x) in which colours change least at n pixels; its clearness [n]."""
     xx, xy, yy = tensor.unbind(1)
     flat = NO_SLOPE**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
     trace = xx + yy + flat
@@ -111,7 +111,7 @@ def _first_beyond(
 ) -> tuple[Tensor, Tensor]:
     """The first pixel along a direction that lies beyond the border, and its distance.
 
-    Returns [n] index in r, and [n] px; infinitely far where there is none.
+    Returns the index in r, [n], and the distance in px, [n], infinite where there is no such pixel.
     """
     H, W = size
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels

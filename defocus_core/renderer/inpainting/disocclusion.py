@@ -52,8 +52,8 @@ class Revealed(NamedTuple):
     # surface does
     shown: Tensor
     source: Tensor  # [h, w] px, the radius of the edge from which the surface is continued
-    # [h, w] px, the radius of the surface before it: the visible one, or the surface of the
-    # closest edge where that is left out, being more blurred
+    # [h, w] px, the radius of the surface in front of that: the visible surface, or that of the
+    # closest edge where this is more blurred and so not continued
     front: Tensor
     # [h, w] px, the radius from which on a surface lies behind the continued one; infinite
     # where the continued one is the farthest
@@ -65,7 +65,7 @@ class Reach(NamedTuple):
 
     # [h, w], the greatest cone in the upper bits, and the radius of its edge in the lower ones
     farthest: Tensor
-    closest: Tensor  # [h, w], minus the px to the closest edge, and its radius likewise
+    closest: Tensor  # [h, w], the same with minus the px to the closest edge, and its radius
     grain: float  # px of one grain
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
 
@@ -97,7 +97,7 @@ class Reach(NamedTuple):
     def _read(
         self, edges: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper and the lower bits of the edges in each coarse pixel."""
+        """The upper and the lower bits of `edges` in each coarse pixel, as integers."""
         cuts = []
         for d, axis in enumerate(middle):
             fine, start, length = self.fine[d].middle, coarse[d] - axis.middle, coarse[d + 2]
@@ -122,9 +122,9 @@ def grain_of(minimum: float, maximum: float) -> float:
 
 
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
-    """The radii of the farther pixels at edges, at half resolution: cones before their dilation.
+    """The cones of farther pixels at edges, not yet dilated: [h, w] int32, at half resolution.
 
-    `r`: [H, W] px.
+    `r`: [H, W] px; `farther`: indices of the farther pixels in `r`.
     """
     grains = r.flatten()[farther].clamp(-MAXIMUM, MAXIMUM) / grain
     radii = (grains + BETWEEN).round().to(torch.int32)
@@ -155,7 +155,7 @@ def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) 
 
 
 def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
-    """The one or two coarse pixels of half resolution that pixels are part of, along an axis."""
+    """The one or two coarse pixels of half resolution that contain each pixel, along an axis."""
     position = position + axis.before
     if not axis.axis.odd:
         return [position.div(2, rounding_mode="floor")]
@@ -163,7 +163,7 @@ def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
 
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
-    """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
+    """Edges [h, w], dilated in place; upper bits fall by `decay` per px, by `span` at most."""
     reached, stride, coarse = 0, 1, pieces(edges.device, _BYTES_EACH, _PIXELS)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << BITS

@@ -37,14 +37,14 @@ class Backdrop(NamedTuple):
     """A frame at low resolution."""
 
     half: PyramidLevel  # at half of the resolution: colour, and radius in px
-    adjacent: SurfaceTable  # the same, as it is looked up
-    # At a quarter of it, an eighth, and so on: these, and the structure tensor. Those that decide
-    # directions are looked up together, and so are all others
+    adjacent: SurfaceTable  # the same as a table for look-ups
+    # Colour, radius and structure tensor at a quarter of the resolution, an eighth, and so on: a
+    # table of the levels that decide directions, and another one of all other levels
     tables: list[SurfaceTable]
     reach: Reach  # the reach of its depth edges
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
     size: tuple[int, int]  # (height, width) in px
-    mixed: MixedPixels  # those of the frame, taken apart
+    mixed: MixedPixels  # mixed pixels of the frame, split in two
 
 
 def backdrop_of(
@@ -102,7 +102,7 @@ def _half(
 
 
 def _beside_edges(r: Tensor) -> Tensor:
-    """The numbers of the farther pixels at edges of radii [H, W] px."""
+    """The flat indices of the farther pixels at edges of radii [H, W] px."""
     numbers = []
     W = r.shape[-1]
     for dim, stride in ((-2, W), (-1, 1)):

@@ -46,7 +46,7 @@ class CoarseGrid(NamedTuple):
         return cls((down.axis, across.axis), fine, level)
 
     def pixels(self, at: Tensor) -> Tensor:
-        """The places of coarse px [n, 2], also between coarse px, as rows and columns of pixels."""
+        """Rows and columns in px [n, 2] of places `at` among coarse px, fractions allowed."""
         step = 1 << self.level
         positions = [
             (at[:, d] - axis.middle) * step + fine.middle
@@ -75,7 +75,7 @@ def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
 
 
 def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
-    """Which coarse pixels of half resolution hold any pixel of a mask [..., H, W] bool."""
+    """Whether coarse pixels [h, w] of half resolution hold any pixel of a mask [..., H, W] bool."""
     fraction, _ = averaged(mask.to(torch.float32)[None, None], 1, middle)
     return fraction[0, 0].gt(0)
 
@@ -174,7 +174,7 @@ def _filled(
 def _with_adjacent_surface(
     values: Tensor, weight: Tensor, backdrop: Backdrop, asked: HiddenQueries, level: int
 ) -> tuple[Tensor, Tensor]:
-    """Values and weights at half resolution, first those of the surface next to each pixel."""
+    """Values and weights, completing those at half resolution of the surface next to each pixel."""
     found, fractions = nearby(backdrop.adjacent, asked, 0.5 if level else 0.0)
     fraction = fractions[0]
     maximum = (fraction * limits.NEXT).clamp(max=1)

@@ -160,8 +160,8 @@ class SurfaceTable(NamedTuple):
 
     values: Tensor  # [2 N, K] the farthest surface of each coarse pixel, then the next ones
     limits: Tensor  # [2, 2 N] their weights and least radii
-    # [L, 2, 1] of each level: the row and column of pixel 0 of the frame among coarse pixels, those
-    # between two pixels, and the last coarse pixel; [L, 1, 1] its width and first row in the table
+    # [L, 2, 1] of each level: row and column of pixel 0 of the frame among coarse pixels, the step
+    # from pixel to pixel, and the last coarse pixel; [L, 1, 1] width and first row in the table
     origin: Tensor
     step: Tensor
     last: Tensor

@@ -32,7 +32,7 @@ class SampleLayer(NamedTuple):
     color: Tensor  # [C, ..., H, W], not premultiplied by coverage; 0 where that is 0
     coverage: Tensor  # [1, ..., H, W], the share of each pixel that the layer covers
     signed_radius: Tensor  # [..., H, W] px
-    sparse: bool = False  # whether pixels are without a sample
+    sparse: bool = False  # whether there are pixels without a sample
     kind: str = VISIBLE
 
     @classmethod

@@ -42,8 +42,8 @@ class Layered(NamedTuple):
     colors: Tensor  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
     signed_radius: Tensor  # [L, H, W] px; undefined where coverage is 0
     coverage: Tensor  # [L, H, W] in [0, 1]
-    limits: tuple[float, float]  # least and greatest signed radius in px of what is there
-    open: bool  # whether there are pixels that are not covered fully
+    limits: tuple[float, float]  # least and greatest signed radius in px where coverage is not 0
+    open: bool  # whether there are pixels that are not fully covered
     deepest: int  # the greatest number of samples in one pixel
     with_alpha: bool = True  # whether its views have alpha, which is 1 where a picture covers all
 
@@ -155,7 +155,7 @@ class SampleStack(NamedTuple):
     """The samples of the pixels of a window, nearest first."""
 
     color: Tensor  # [L, C + 1, h, w], colours premultiplied by coverage, then coverage
-    signed_radius: Tensor  # [L, h, w] px; that of nothing where no sample is
+    signed_radius: Tensor  # [L, h, w] px; the farthest radius where there is no sample
     # [L + 1, h, w], the share of each pixel that all nearer samples leave; last the share that
     # none covers
     through: Tensor
@@ -175,7 +175,7 @@ class SampleStack(NamedTuple):
         return self.opaque().amin(0).clamp(max=farthest)
 
     def known_behind(self, box: Box) -> tuple[Tensor, Tensor] | None:
-        """Where samples behind the nearest are together opaque, and the radius of the last.
+        """Whether all samples behind the nearest are opaque together; the radius of the farthest.
 
         Both [h, w] in a box; None if there are none.
         """
@@ -198,7 +198,7 @@ class SampleStack(NamedTuple):
         return self._weighted(weights)
 
     def _hidden_weights(self) -> Tensor:
-        """The share [L, h, w] of each sample that nearer surfaces, other than its own, hide."""
+        """The share [L, h, w] of each sample hidden by nearer surfaces other than its own."""
         radii, cover = self.signed_radius, self.color[:, -1]
         weights, first = [], 0
         at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
@@ -231,5 +231,5 @@ def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
 
 
 def ascending(values: Tensor) -> Tensor:
-    """The stable order of values [L, h, w] along L."""
+    """The indices [L, h, w] that sort values stably in ascending order along L."""
     return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)

@@ -44,7 +44,7 @@ def plane_of(minimum: float, maximum: float) -> float | None:
 
 
 def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float, ...]:
-    """The slice radii for radii from least to most.
+    """The slice radii in px, ascending, for radii from `minimum` to `maximum` px.
 
     The first and the last are an even number of slices from focus, and there are at least three, so
     that every other one is a set of slice radii, too. The radius of a plane is a slice radius.
@@ -114,7 +114,7 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
 
 
 class _QuadraticPiece(NamedTuple):
-    """Radii up to `end` px, whose share in the slice after `slice_index` is a r² + b r + c."""
+    """Radii r up to `end` px, with a share a r² + b r + c in the slice after `slice_index`."""
 
     slice_index: int
     end: float
@@ -145,7 +145,7 @@ def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
 def _columns(
     radii: tuple[float, ...], dtype: torch.dtype, device: torch.device
 ) -> tuple[Tensor, ...]:
-    """The fields of `_pieces`, each of all pieces."""
+    """The fields of `_pieces` as tensors, one for each field."""
     with torch.inference_mode(False):  # they are cached for calls that need gradients, too
         return tuple(
             sent(column, torch.empty(0, dtype=dtype, device=device))
@@ -154,7 +154,7 @@ def _columns(
 
 
 def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
-    """Two pieces that replace one next to focus: from 0 to SHARP, and from SHARP to SOFT."""
+    """The two pieces that replace a piece next to focus: from 0 to SHARP, from SHARP to SOFT."""
     k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
     if whole.end > 0:
         between = _QuadraticPiece(whole.slice_index, SOFT, k, -2 * k * SHARP, k * SHARP**2)
@@ -164,7 +164,7 @@ def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
 
 
 def membership(positions: Tensor, slices: Tensor) -> Tensor:
-    """Shares [k, ..., H, W] of pixels of places [..., H, W] in slices [k]; all sum to 1.
+    """Shares [k, ..., H, W] in slices [k] of pixels at positions [..., H, W]; shares sum to 1.
 
     A pixel on a slice has the gradient of those between it and the slice before, as in
     `slice_before`.

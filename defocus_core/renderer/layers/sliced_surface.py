@@ -107,7 +107,7 @@ def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
 def _slices_beside(
     positions: Tensor, count: int, sharp: int | None, *, learn: bool
 ) -> tuple[Tensor, Tensor]:
-    """The slices before and after positions, which may be one."""
+    """The slices before and after positions; they may be the same slice."""
     before, after = positions.floor(), positions.ceil()
     if learn and torch.is_grad_enabled():
         between = torch.ones_like(positions, dtype=torch.bool)
@@ -241,7 +241,7 @@ class SlicedSurface:
 
     @cached_property
     def _slopes(self) -> Tensor | None:
-        """Slopes of samples in the frame of zeros; only needed by slices that are no planes."""
+        """Slopes of samples in the frame of zeros, which only slices that are not planes need."""
         if self._lean is None:
             return None
         framed = self._lean.new_zeros(*self._lean.shape[:-2], *self._framed_box[2:])
@@ -274,7 +274,7 @@ class SlicedSurface:
         return framed
 
     def _unframed(self, box: Box, values: Tensor) -> Tensor:
-        """Cut a rectangle, counted from the first sample, from framed values [..., h, w]."""
+        """Crop framed values [..., h, w] to a box that is counted from the first sample."""
         return box.seen_from(self._framed_box).crop(values)
 
     def members(self, slice_indices: range, box: Box) -> Tensor:

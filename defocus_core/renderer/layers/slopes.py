@@ -39,7 +39,7 @@ def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
     """∇r in px per px, x then y: [2, ..., H, W] of radii [..., H, W]; at most 1 long.
 
     At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
-    some lens points see its back.
+    some lens points see the back of the surface.
 
     `signed_radius`: [..., H, W] px. Returns none if all slopes are 0.
     """
@@ -62,7 +62,7 @@ def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
 
 
 def _many_around(mask: Tensor) -> Tensor:
-    """Pixels whose square, cut to the frame, lies in a mask [..., H, W] by a sufficient share."""
+    """Whether a sufficient share of the square around each pixel is in a mask: [..., H, W] bool."""
     count, area = mask.to(torch.int32), torch.ones((), device=mask.device)
     for dim in (-2, -1):
         n = mask.shape[dim]
@@ -77,7 +77,7 @@ def _many_around(mask: Tensor) -> Tensor:
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:
-    """A mean of the differences to both neighbours, in which the lesser counts more.
+    """A mean of the differences to both neighbours along `dim`, in which the lesser counts more.
 
     The limiter of van Albada et al. (1982), smooth at 0.
     """
@@ -111,7 +111,7 @@ SAME = 0.513
 
 @lru_cache(maxsize=64)
 def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
-    """The radii of discs whose left halves are shifted as those of sampled slices, in px."""
+    """The radii in px of discs whose left halves have the shifts of the sampled slices."""
     whole = aperture.centroid(half)[0]
     return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
 

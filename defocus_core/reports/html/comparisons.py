@@ -79,7 +79,7 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 
 def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
-    """Pairs with whether to keep their values: of those that fail, as far as there is room."""
+    """Each pair, and whether its values are kept: if it fails, as far as there is room."""
     room = ROOM - min(ROOM // 2, len(ranked) * THUMBNAILS)
     for record in ranked:
         is_valued = room > 0 and (not record.passes or record.status == WARNING)

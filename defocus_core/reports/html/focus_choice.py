@@ -1,7 +1,7 @@
 """A page for choosing focus and blur: small rendered pictures, and the command of each.
 
-They have `_FOCUSES` distances, where surfaces are, `_STRENGTHS` strengths of blur, and either end
-of relative depth near. The page shows the one nearest to the choice.
+The pictures differ in the distance in focus (`_FOCUSES`, of surfaces), the strength of blur
+(`_STRENGTHS`) and the near end of relative depth. The page shows the nearest to the choice.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class _Focus(NamedTuple):
     sharp: Unitless | None = None  # the numbers of its surface
 
     def plain(self) -> dict[str, object]:
-        """It in plain values, the sharp range as an option."""
+        """The fields in plain values, with the sharp range as an option."""
         sharp = "" if self.sharp is None else LENS_OPTIONS["sharp-range"].text(self.sharp)
         option = f" --sharp-range {sharp}" if sharp else ""
         return {"value": self.value, "place": self.place, "sharp": option}
@@ -98,9 +98,9 @@ def write_choice(
 ) -> None:
     """Write the page of a picture.
 
-    `command`: the words of that which renders it, without focus and strength; `whole_surface`:
-    whether that in focus is sharp to its edges, as in a first picture; `either_end`: whether the
-    reader chooses which end of relative depth is near.
+    `command`: the words that render the picture, without focus and strength; `whole_surface`:
+    whether the surface in focus is sharp to its edges, as in a first picture; `either_end`:
+    whether the reader chooses which end of relative depth is near.
     """
     load()
     job = Job(picture, lens, reading, Outputs(Path()), machine)
@@ -177,7 +177,7 @@ def _rendered(job: Job, inputs: Inputs, inverted: bool) -> bytes:
 
 
 def _focuses(small: _Small, lens: LensValues, depth: Depth, whole_surface: bool) -> list[_Focus]:
-    """What is in focus. If whole surfaces are, the nearest to the focus of the lens is that one."""
+    """The choices of focus; with whole surfaces, that of the lens replaces the nearest choice."""
     shows_surface = ~on_ramp(small.disparity)
     if not shows_surface.any():
         shows_surface[:] = True
@@ -271,7 +271,7 @@ def _depth_layer(small: _Small, depth: Depth) -> Layer:
 
 
 def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> tuple[int, int]:
-    """The pixel of a surface at a disparity that is nearest to the middle of all of its pixels."""
+    """The pixel (x, y) nearest to the middle of all pixels of a surface at a disparity."""
     rows, columns = np.nonzero((small.disparity == value) & shows_surface)
     best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
     x, y = (int((each[best] + 0.5) / small.scale) for each in (columns, rows))

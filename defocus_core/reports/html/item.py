@@ -33,7 +33,7 @@ class StoredValues:
 class Layer:
     """A picture or a map of an item."""
 
-    key: str  # name within the item, like ``a``, ``b`` or ``coc``
+    key: str  # name of the layer in the item, like ``a``, ``b`` or ``coc``
     title: str  # name for people
     kind: str  # one of the kinds of this module
     channels: tuple[str, ...]  # names of its one or three channels

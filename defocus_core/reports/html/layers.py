@@ -201,7 +201,7 @@ def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) 
 def _difference(
     a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]], scale: float, box: Box
 ) -> StoredValues | None:
-    """The values of a difference, if those of A and B as halves do not give it exactly."""
+    """The values of a difference that A and B as halves do not give exactly, else None."""
     both = zip(half_bits([*a, *b], scale).view(np.float16), [*a, *b], strict=True)
     with np.errstate(all="ignore"):
         if all(np.array_equal(h, _scaled(p, scale), equal_nan=True) for h, p in both):
@@ -270,7 +270,7 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The power of 2 at the hottest colour, of the pixels that differ but for few; 0 if none do."""
+    """The power of 2 at the hottest colour, which few differences exceed; 0 if there are none."""
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0

@@ -135,7 +135,7 @@ def length(data: bytes) -> int:
 
 
 def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
-    """The items without the payloads that exceed the room in characters."""
+    """The items, without the payloads for which the room, in characters, is too small."""
     room -= sum(map(text_room, items))
     thumbnails = [sum(length(layer.thumbnail) for layer in item.layers) for item in items]
     values = [
@@ -150,7 +150,7 @@ def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
 
 
 def _fitting(costs: Sequence[int], room: int) -> tuple[set[int], int]:
-    """The numbers of what fits, also of small ones after a too large one; and the room left."""
+    """The indices of the costs that fit, also after one too large; and the room left."""
     fitting = set[int]()
     for number, cost in enumerate(costs):
         if cost <= room:

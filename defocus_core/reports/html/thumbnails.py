@@ -71,7 +71,7 @@ def of_difference(greatest: NDArray[Any], full: float) -> bytes:
 
 
 def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
-    """The values of black and white in the thumbnail of a map."""
+    """The values shown as black and as white in the thumbnail of a map."""
     if kind in (LIGHT, SHARE):
         return 0.0, 1.0
     if kind == SIGNED:
@@ -85,7 +85,7 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
 
 
 def _block(shape: tuple[int, ...]) -> int:
-    """Px along a side of the blocks that become a pixel, so that no side is longer than `SIDE`."""
+    """The side in px of blocks that become a pixel, so that no thumbnail exceeds `SIDE`."""
     return -(-max(shape[:2]) // SIDE)
 
 
