@@ -49,7 +49,7 @@ class Pictures(NamedTuple):
 
 
 def sample_set() -> Path:
-    """The folder of the scenes in the repository from which this module runs."""
+    """The folder `sample_scenes` in the current directory, the root of the repository."""
     scenes = Path("sample_scenes").absolute()
     if any(scenes.glob("*/camera.json")):
         return scenes

@@ -58,7 +58,7 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 
 
 def _shifted_extreme(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
-    """The extreme of each value and of those `step` px before and after, as far as they exist."""
+    """The extreme of each value and those `step` px before and after; past an end, its value."""
     extreme, n = values.clone(), values.shape[dim]
     rest = n - step
     parts = [((step, rest), (0, rest)), ((0, rest), (step, rest))]
