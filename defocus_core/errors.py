@@ -83,7 +83,7 @@ class Place:
 
     Attributes:
         path: the file, or a name in its stead.
-        table: the table of the file, in brackets, or its line.
+        table: a table of the file, in brackets, or a line of the file.
         field: the option or key.
     """
 

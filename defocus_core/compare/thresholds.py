@@ -182,7 +182,7 @@ class Thresholds:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether a pattern matches a picture: its relative path, or its name if without a slash.
+    """Whether a pattern matches the relative path of a picture; without a slash, the name.
 
     ``*`` stands for any characters, those of folders included, and ``./`` for the folder compared.
     """

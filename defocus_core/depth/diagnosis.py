@@ -129,8 +129,8 @@ class DepthRepair(NamedTuple):
         edge_shifts: The displacements of edges from those of the colours, which are undone; None
             if edges stay where they are.
         quantised: Whether steps between few levels become slopes.
-        edge_width: Px over which soft edges go from one surface to the other, in the median, or as
-            it was said; None if edges are not soft.
+        edge_width: Median width of soft edges in px, from one surface to the other, or the given
+            width; None if edges are not soft.
         fraction: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
         ramps_of: The scale of distance, if ramps are of distance; None if they are of disparity.
     """

@@ -318,7 +318,7 @@ def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
 
 
 def _side_of(squares: _Squares, weight: Tensor) -> _Side:
-    """The surface of the pixels of squares that have a weight [k, n]."""
+    """The mean colour and radius, with variance, of squares of pixels of weights [k, n]."""
     total = weight.sum(0)
     fraction = weight / torch.where(total > 0, total, 1.0)
     mean = (squares.colors * fraction).sum(1)

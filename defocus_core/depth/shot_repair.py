@@ -14,7 +14,7 @@ from defocus_core.depth.ramps import MINIMUM, STEEP
 
 
 def agreed_repair(repairs: Sequence[DepthRepair]) -> DepthRepair:
-    """The repair that most frames need, with the median of each value; all through one lens."""
+    """The repair that most frames of one lens need, with the median of each value."""
     names, defaults = DepthRepair._fields, DepthRepair._field_defaults
     of_each = ([getattr(repair, name) for repair in repairs] for name in names)
     agreed = map(_median, of_each, map(defaults.get, names))

@@ -37,7 +37,7 @@ def block_of(planes: Sequence[Any]) -> NDArray[Any]:
 
 
 def bands(shape: Sequence[int]) -> list[slice]:
-    """Bands of rows that together are an array [H, W, …]."""
+    """Slices of rows that together cover an array [H, W, …]."""
     height, width = shape[:2]
     count = max(1, BAND // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]

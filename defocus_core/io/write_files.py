@@ -182,7 +182,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
     Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
-    is untouched. Siblings of killed processes are removed too, except `written_together`.
+    is untouched. Siblings that killed processes left are removed, not those of `written_together`.
     """
     together = _together.get()
     if together is None:

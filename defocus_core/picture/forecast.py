@@ -45,7 +45,7 @@ class Forecast(NamedTuple):
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
-    """Forecasts by number of jobs, a few if there are many; and errors of unusable ones."""
+    """Forecasts of jobs, of a few among many, by their numbers; and errors of unusable jobs."""
     plain_path.load()
     count, pixels = min(len(jobs), MAX_READ), 0
     found, unusable = dict[int, Forecast](), list[DefocusError]()

@@ -34,7 +34,7 @@ class Kind:
 
     @property
     def views(self) -> tuple[str, ...]:
-        """The kinds that are the views of its EXR file, if it has several."""
+        """The kinds that its EXR file holds as views; empty if the file has one view."""
         return self.rendered if len(self.rendered) > 1 else ()
 
     @property

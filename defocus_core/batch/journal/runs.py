@@ -139,7 +139,7 @@ def _try_lock(path: Path) -> int | None:
 
 
 class OpenRun(Struct):
-    """The note of a run: the number of earlier records of each sample of its jobs."""
+    """A run that has not ended: the number of earlier records of each sample of its jobs."""
 
     jobs: dict[str, int]
 

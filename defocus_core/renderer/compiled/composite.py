@@ -158,7 +158,7 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
 
 @compiled
 def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
-    """All hidden octaves as one layer: those of a side of focus add, the sides occlude."""
+    """All hidden octaves as one layer: sums on each side of focus; near covers far."""
     found = False
     whole[:] = 0
     for side in range(-1, 2):

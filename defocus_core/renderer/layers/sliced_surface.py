@@ -34,7 +34,7 @@ def continue_edges(values: Tensor, given: Box) -> None:
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, ..., H, W], x and y, continued around a rectangle, but not across its edges."""
+    """Slopes [2, ..., H, W] of x and y, continued along the edges of a rectangle, 0 across them."""
     H, W = slopes.shape[-2:]
     given = Box(-box.top, -box.left, H, W)
     if box == given:
@@ -180,7 +180,7 @@ class SurfaceSamples(NamedTuple):
 
 
 class _FramedLayer(NamedTuple):
-    """A layer in a frame of zeros, continued around its samples."""
+    """A layer at the size of its frame, continued beside its pixels; 0 elsewhere."""
 
     light: Tensor  # [C + 1, ..., H, W], premultiplied by coverage, then coverage
     positions: Tensor  # [..., H, W] positions between slice radii
