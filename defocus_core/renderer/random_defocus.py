@@ -383,7 +383,7 @@ class RandomDefocus(torch.nn.Module):
     def _suited(
         self, options: dict[str, Any], extremes: list[float], size: torch.Size
     ) -> _Drawing | str:
-        """The lens of some options; or what is wrong with it for a map of such extremes."""
+        """The lens of drawn options, or why it does not suit a depth map of these extremes."""
         if not options["blades"]:
             options["curvature"] = 0.0
         if not options["foc_dist"] > options["foclen"]:

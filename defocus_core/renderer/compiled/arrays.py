@@ -27,8 +27,8 @@ from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.settings import Settings
 
-# Radius in px of the border up to which any frame goes on beyond itself as far as light reaches;
-# others go on by their side, and light reaches so many times its radius and so many px at most.
+# Radius in px at the border up to which any frame is continued as far as light reaches; with
+# others it is continued by its side. Light reaches at most this multiple of its radius plus px.
 _WIDEST, _REACH, _MORE = 40.0, 2.05, 8.0
 _MANY = 1 << 22  # numbers from which on it matters that few pages are touched
 NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)

@@ -13,8 +13,8 @@ from defocus_core.optics.outline import CurvedPolygon, Disc, Outline, Polygon, S
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.ties import off_round
 
-# Radii are rounded to this share of a px, up from so much of one on: a little more than half, which
-# no round number meets, so that the last bit of a radius makes no other picture.
+# Radii are rounded to 1 / STEPS px, up from this fraction of a step on: a little more than half,
+# which no round number has, so that the last bit of a radius does not change the picture.
 STEPS, HALF = 16, off_round(0.5)
 # Radii in px of the discs near focus: a pixel between two is a mean of both that keeps the second
 # moment of the blur, as the slices of the torch back. Up to SHARP it is a point.

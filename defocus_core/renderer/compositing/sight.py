@@ -184,10 +184,9 @@ def _pooled(values: Tensor, height: int, width: int) -> Tensor:
 
 Sight = SightLimits | Openings
 
-# Coverage that a pixel's own surface has besides what a pupil sees with its light aside, as that of
-# a picture may be: at a border of the frame it sees nothing within, and a pixel there is what it
-# was. And with an opaque middle that may hide the frame: there errors of a small coverage are
-# larger.
+# Coverage that a pixel's own surface keeps where a measured pupil, with its light off the centre,
+# may see nothing of the frame, so that a pixel at the border keeps its colour. And the same where
+# an opaque middle may hide the frame: there errors of a small coverage are larger.
 ASIDE, OPAQUE = 1e-6, 1e-3
 # Intervals of the pupil's width in which areas are interpolated; errors stay below 5e-4.
 _STEPS = 128

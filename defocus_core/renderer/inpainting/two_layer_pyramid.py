@@ -101,7 +101,7 @@ def coarser(level: PyramidLevel) -> PyramidLevel:
 
 
 def _shares(axis: AxisHalving, *, overlapping: bool) -> tuple[int, list[float]]:
-    """The pixels before pixel 2 i with a share in coarse pixel i, and the shares of all of them."""
+    """The count of pixels before pixel 2 i that share in coarse pixel i; shares of all pixels."""
     if axis.axis.odd:
         return 1, [0.5, 1.0, 0.5]
     return (1, [0.25, 0.75, 0.75, 0.25]) if overlapping else (0, [1.0, 1.0])
