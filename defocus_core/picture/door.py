@@ -505,7 +505,7 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
 
 
 def _focus(focus: str | float | None) -> dict[str, str | None]:
-    """The option of a focus, where numbers are metres."""
+    """The option of a focus as a text; a number is in metres."""
     if focus is None or isinstance(focus, str):
         return {"focus": focus}
     return {"focus": "inf" if focus == math.inf else f"{focus:.9g}m"}

@@ -50,7 +50,7 @@ def arrays_mb(job: Job) -> float:
 
 
 def enough_mb(arrays: float, needed: float) -> float:
-    """The smallest limit with room for arrays and other needs."""
+    """The least memory limit in MB that has room for arrays and other needs, in MB."""
     return base_mb() + arrays + needed + _SPARE_MB
 
 

@@ -89,7 +89,7 @@ def stack_layers(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """The passes with light without alpha, or with that of a holdout at its end."""
+    """The passes without alpha in their light; that of a holdout comes last."""
     inputs = every[0].take.inputs
     layers, alpha = inputs.layers, len(inputs.color.light)
     assert layers is not None

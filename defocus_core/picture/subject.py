@@ -68,9 +68,9 @@ class FoundPixel(NamedTuple):
 def subject_of(depth: Depth) -> FoundPixel:
     """The nearest standing surface that covers 5 % of a picture, the middle counted more.
 
-    It spans at most a sixth of all disparities. On a floor disparity changes from row to row. The
-    pixel has about the median disparity, is near the middle of the surface, and not on the ramp of
-    an edge.
+    The surface spans at most a sixth of all disparities; a floor does not stand, as its disparity
+    changes from row to row. The pixel has about the median disparity, is near the middle of the
+    surface, and not on the ramp of an edge.
     """
     every, step = _looked_at(depth)
     known, standing = np.isfinite(every), _stands(every)

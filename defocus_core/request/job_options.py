@@ -108,7 +108,7 @@ _READING = (
         name="doffs",
         parse=quantities.number,
         metavar="PX",
-        help="Difference of the two principal points in px; it is added to disparity.",
+        help="Offset in px that is added to disparity: the difference of the two principal points.",
     ),
     ReadingParam(
         name="radial",
@@ -144,7 +144,7 @@ _READING = (
         name="sky",
         parse=quantities.number,
         metavar="NUMBER",
-        help="Depth of this number and above is sky; disparity of this number and below is sky.",
+        help="Numbers that are sky: of depth, this and greater ones; of disparity, this and less.",
     ),
     ReadingParam(
         name="invalid-value",
@@ -314,8 +314,8 @@ _SHOT = (
         name="steady",
         toggle=True,
         parse=switch,
-        help="Decide the repair of depth, and a focus that depends on depth, once for the shot; or "
-        "for each frame.  [default: steady]",
+        help="Decide the repair of depth, and a focus that depends on depth, once for the shot "
+        "instead of for each frame.  [default: steady]",
     ),
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}
@@ -347,8 +347,8 @@ _INPUTS = (
         key="holdout-color",
         is_path=True,
         metavar="DEEP",
-        help="Deep EXR whose samples cut their shape out of colour and alpha, like objects that "
-        "are composited later.",
+        help="Deep EXR that hides what is behind its samples and is not shown, like objects "
+        "composited later.",
     ),
     _file(
         name="matte",

@@ -273,8 +273,8 @@ _ROWS = (
         name="cat-eye",
         parse=quantities.rim,
         metavar="SIZE:DISTANCE",
-        help="Rim of the lens barrel, which clips the aperture away from the picture's centre, "
-        "like 1.05:1.5: its radius and its distance from the aperture, in radii of the aperture.",
+        help="Radius of the rim of the lens barrel and its distance from the aperture, in radii of "
+        "the aperture, like 1.05:1.5. Away from the picture's centre it clips the aperture.",
         tag="rim",
         example="1.05:1.5",
         separator=":",
@@ -416,7 +416,7 @@ _ROWS = (
         parse=quantities.noise,
         metavar="match|ELECTRONS:READ",
         help="Sensor noise, like 4000:3: electrons at a light of 1, which set the shot noise, and "
-        "electrons of read noise. match: what is blurred gets the noise of the photograph.",
+        "electrons of read noise. match: what is blurred gets the noise of what is sharp.",
         tag="noise",
         example="4000:3",
         separator=":",

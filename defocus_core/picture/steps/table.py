@@ -45,7 +45,7 @@ def _has_overscan(pair: InputPair) -> bool:
 
 
 def _may_doubt(take: Take) -> bool:
-    """Whether the depth is no file of radii in px, of which no distance is taken for another."""
+    """Whether the depth may be misread; radii in px of a file cannot be."""
     return take.inputs.depth.is_relative or not take.inputs.depth.is_radius
 
 
