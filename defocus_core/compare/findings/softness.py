@@ -189,9 +189,7 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
     if min(sides) < _LEAST or alike_by < _OF_LIGHT * np.square(b - a).sum():
         return
     frames = [_Frame(evidence, is_light=light) for light in {True, evidence.is_linear}]
-    frame = min(
-        frames, key=lambda each: each.filtered[0]
-    )  # programs filter light, or what is stored
+    frame = min(frames, key=lambda each: each.filtered[0])  # programs filter light or codes
     yield from _filtered_in_parts(frame)
     if not all(name.endswith("A") for name in evidence.names):  # soft edges tell no size
         yield _resized(frame)
