@@ -197,11 +197,8 @@ def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
     beside = torch.nn.functional.pad(even, (1, 1))
     slope = (beside[..., :-2] - beside[..., 2:]) / 2
     x = torch.arange(ks, dtype=even.dtype, device=even.device) - (ks - 1) / 2
-    shift, odd_shift, slope_shift = (
-        radii * aperture.centroid(LEFT)[0],
-        odd.sum(-2) @ x,
-        slope.sum(-2) @ x,
-    )
+    shift = radii * aperture.centroid(LEFT)[0]
+    odd_shift, slope_shift = odd.sum(-2) @ x, slope.sum(-2) @ x
     near = (_EXACT_AREAS - radii.detach().abs()) / (_EXACT_AREAS - _EXACT_DISTANCE)
     near = near.clamp(0, 1) * ~_cut(radii, ks)
     times = 1 + near * (_ratio(shift, odd_shift, otherwise=1.0).clamp(max=1) - 1)

@@ -38,10 +38,8 @@ def radii_of(lens: LensValues, depth: Depth) -> Radii:
         law = _Law.from_lens(lens, depth.size)
         px = computed(law.radii, depth.metres)
         _refuse_infinite(px, lens.fnum, depth.metres, depth.path)
-        infinity, scale = (
-            law.radius(math.inf),
-            (law.radius(math.inf) - law.radius(MM_PER_M)) * MM_PER_M,
-        )
+        infinity = law.radius(math.inf)
+        scale = (infinity - law.radius(MM_PER_M)) * MM_PER_M
     limits = _limits_of(px, depth)
     if depth.empty is not None:
         px[depth.empty] = limits[1]
@@ -196,10 +194,8 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
     least, greatest = (float(radius.min()), float(radius.max())) if radius.size else (0.0, 0.0)
     remedy = "check ‹depth-unit› and ‹focus›"
     if depth.is_radius and not depth.is_relative and max(-least, greatest) > _MAX_PX:
-        problem, remedy = (
-            f"has a CoC radius of {max(-least, greatest):.2g} px",
-            "check ‹depth-format› coc",
-        )
+        problem = f"has a CoC radius of {max(-least, greatest):.2g} px"
+        remedy = "check ‹depth-format› coc"
     elif not depth.is_radius and not -least <= _MAX_PX:
         nearest, _ = depth.ends or (0.0, 0.0)
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-least:.2g} px"

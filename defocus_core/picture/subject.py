@@ -152,11 +152,8 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     finer = math.isqrt(every.size // _SEARCHED) + 1
     every, step = every[::finer, ::finer], step * finer
     lowest, highest, limit = _local_range(every)
-    here, smooth, stands = (
-        (pixel.y // step, pixel.x // step),
-        highest - lowest <= limit,
-        _stands(every),
-    )
+    here = pixel.y // step, pixel.x // step
+    smooth, stands = highest - lowest <= limit, _stands(every)
     if stands.any():
         smooth &= stands
     alike = np.argwhere(smooth & (np.abs(every - every[here]) <= limit))

@@ -35,10 +35,8 @@ SEEN = 60.0  # seconds until a file of a worker is seen: NFS refreshes folders t
 def execute_at(address: str, *, threads: int | None) -> Execute:
     """An executor on a Dask scheduler; each job computes with ``threads``, or with one."""
     if "://" not in address:
-        problem, remedy = (
-            f"'{address}' is not a scheduler",
-            "use local, or one like tcp://head:8786",
-        )
+        problem = f"'{address}' is not a scheduler"
+        remedy = "use local, or one like tcp://head:8786"
         raise UsageProblem("malformed", problem, remedy, field="scheduler")
     if find_spec("distributed") is None:
         problem, remedy = "needs Dask, which is not installed", "run: pip install 'defocus[dask]'"

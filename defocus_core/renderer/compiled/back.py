@@ -66,11 +66,8 @@ def render(
     light, radius = samples.light, samples.radius
     slots = slots_between(samples.range, samples.hidden and samples.hidden.range)
     views = (len(lights) + 1) // 2
-    (H, W), channels, whole = (
-        radius.shape[1:],
-        len(bounds.range),
-        {*np.flatnonzero(slots.levels == 0).tolist()},
-    )
+    (H, W), channels = radius.shape[1:], len(bounds.range)
+    whole = {*np.flatnonzero(slots.levels == 0).tolist()}
     reach = slots.rows(0, whole)
     drawn = opening(outline, max(_LEAST, *reach))
     is_near = slots.least[0] < LOST and slots.least[-1] > -LOST

@@ -245,10 +245,8 @@ def _mark(ring, reached, y, band, before):
         if reached[s, 1] < 0:
             continue
         r = reached[s, 2]
-        first, last = (
-            max(reached[s, 0] - before - r, 0),
-            min(reached[s, 1] - before + r, ring.width),
-        )
+        first = max(reached[s, 0] - before - r, 0)
+        last = min(reached[s, 1] - before + r, ring.width)
         for row in range(max(y - r, band[0]), min(y + r + 1, band[1])):
             k = ring.start[s] + row % ring.rows[s]
             ring.first[k] = min(ring.first[k], first)

@@ -54,10 +54,8 @@ class Region:
         frame = self._frame = place.frame
         self._tiles, self._sight = place.grid.tiles, seen.sight
         self._like = seen.layers[0].color
-        around, middle = (
-            place.inner.seen_from(place.held),
-            axes(frame.size, place.inner.top, place.inner.left),
-        )
+        around = place.inner.seen_from(place.held)
+        middle = axes(frame.size, place.inner.top, place.inner.left)
 
         def blur_of(samples: SurfaceSamples) -> Blur:
             return Blur(
@@ -105,10 +103,8 @@ class Region:
         if compositor.moved is not None:
             both = add_light(both, compositor.moved)
         cut = sum(part.is_left for part in division.parts[division.pair])
-        left, right = (
-            mean_of_parts(both[:cut], weights[:cut]),
-            mean_of_parts(both[cut:], weights[cut:]),
-        )
+        left = mean_of_parts(both[:cut], weights[:cut])
+        right = mean_of_parts(both[cut:], weights[cut:])
         halves = torch.stack([left, right])
         counts |= count_negative(halves, content.limit, content.minimum)
         images = left_and_right(
