@@ -1,10 +1,11 @@
-"""Keys: options of a lens by frame, and their interpolation between frames.
+"""Animation of lens options by keyframes, called keys: values of an option at given frames.
 
-Interpolation is linear in the variable in which the blur is smooth: disparity for the focus, the
-logarithm for f-number, focal length and other sizes, the value itself for angles and pixels. The
-first key holds before it, the last one after it. Numbers without a unit are metres for a focus, and
-mm for other lengths. A ``.csv`` has a header that names frame and options, like
-``frame,focus,fnumber``; ``x,y`` is focus-at, and an empty cell is no key.
+Between two keys, a value is interpolated linearly in the variable in which the blur is smooth:
+disparity for the focus distance, the logarithm for f-number, focal length and other sizes, the
+value itself for angles and pixels. Before the first key its value holds, after the last key the
+last one. Numbers without a unit are metres for a focus distance, and mm for other lengths. A CSV
+file begins with a header of column names, like ``frame,focus,fnumber``. Its columns ``x`` and ``y``
+together are the option focus-at; an empty cell sets no key.
 """
 
 from __future__ import annotations
@@ -30,13 +31,16 @@ _DIGITS = 9
 
 @dataclass(frozen=True)
 class Animation:
-    """Options of a lens with keys."""
+    """The keys of animated lens options."""
 
     keys: Mapping[str, Mapping[int, Given]]  # keys by option, then by frame, ascending
 
     @property
     def places(self) -> dict[str, str]:
-        """The animated options and their alternatives, with their places."""
+        """The place of the first key of each animated option, as text, by option name.
+
+        An alternative option, like focus-at beside focus, has the same place.
+        """
         return {
             same: str(_first(keys).place)
             for name, keys in self.keys.items()
@@ -44,7 +48,7 @@ class Animation:
         }
 
     def options_at(self, frame: int) -> dict[str, Given]:
-        """The options of a frame, exact at a key."""
+        """The values of all animated options at a frame: those of its keys, else interpolated."""
         return {
             name: _value_at(LENS_OPTIONS[name], keys, frame) for name, keys in self.keys.items()
         }
@@ -68,7 +72,10 @@ def _value_at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
 
 
 def _interpolated(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
-    """The value interpolated between two numbers, or of each of several."""
+    """Interpolate between two numbers, or between two tuples element by element.
+
+    `fraction` is 0 at `first` and 1 at `last`; `row` gives the scale in which to interpolate.
+    """
     if isinstance(first, tuple):
         pairs = zip(first, last, strict=True)
         return type(first)(_interpolated(row, *pair, fraction) for pair in pairs)
@@ -78,7 +85,11 @@ def _interpolated(row: LensParam, first: Any, last: Any, fraction: float) -> Any
 
 
 def read_animation(files: Iterable[str], table: Table | None = None) -> Animation | None:
-    """The animation of files and of ``[animate]``; None without keys."""
+    """Read the keys in files and in the table ``[animate]``; None if there are no keys.
+
+    `files` are paths of CSV or TOML files. With a table, the files that it names are read instead,
+    relative to the jobs file.
+    """
     root, every = Path(), dict[str, dict[int, Given]]()
     if table is not None:
         root, files, every = table.file.parent, table.texts("file"), _collected(_of_table(table))
@@ -110,7 +121,10 @@ _REMEDY = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
 
 
 def _collected(keys: Iterable[_Key]) -> dict[str, dict[int, Given]]:
-    """The keys by option, then by frame, ascending, with units added to plain numbers."""
+    """Group keys by option and sort them by frame: ``{option: {frame: value}}``.
+
+    Numbers without a unit get the default unit of their option.
+    """
     every: dict[str, dict[int, Given]] = {}
     for name, frame, text, where in keys:
         refuse_unknown([name], tuple(LENS_OPTIONS), where, "a lens", "option")
@@ -124,7 +138,7 @@ def _collected(keys: Iterable[_Key]) -> dict[str, dict[int, Given]]:
 
 
 def read_keys(file: Path) -> dict[str, dict[int, Given]]:
-    """The keys of a file by option, then by frame."""
+    """Read the keys of a CSV or TOML file: ``{option: {frame: value}}``, sorted by frame."""
     if file.suffix.lower() == ".toml":
         tables = read_toml(file, what="file of keys", remedy=_REMEDY)
         refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
@@ -140,7 +154,7 @@ def read_keys(file: Path) -> dict[str, dict[int, Given]]:
 
 
 def _of_table(table: Table) -> Iterator[_Key]:
-    """The keys of ``[animate]``: for each option a table of values by frame."""
+    """The keys of the table ``[animate]``, in which an option has a table of values by frame."""
     table.refuse_unknown((*LENS_OPTIONS, *keys_of(ANIMATION_OPTIONS)))
     for name, frames in table.values.items():
         if name in keys_of(ANIMATION_OPTIONS):
@@ -155,7 +169,6 @@ def _of_table(table: Table) -> Iterator[_Key]:
 
 
 def _of_csv(file: Path) -> Iterator[_Key]:
-    """The keys of a CSV file."""
     for number, (place, row) in enumerate(read_rows(file, "file of keys", "", _HEADER, _columns)):
         if number == _MAX_ROWS:
             problem = f"has more than {_MAX_ROWS} keys"
@@ -172,7 +185,11 @@ def _of_csv(file: Path) -> Iterator[_Key]:
 
 
 def _columns(cells: list[str], place: Place) -> list[str]:
-    """The options that the cells of a header name, x, y and frame."""
+    """The normalised column names of a CSV header: options, ``frame``, and maybe ``x`` and ``y``.
+
+    Raises:
+        InputError: ``frame`` is missing, or only one of ``x`` and ``y`` is there.
+    """
     names = [cell.lower().replace("_", "-").replace(" ", "-") for cell in cells]
     problem, remedy = "has no column named frame", f"begin it with a line like {_HEADER}"
     if ("x" in names) != ("y" in names):
@@ -183,7 +200,7 @@ def _columns(cells: list[str], place: Place) -> list[str]:
 
 
 def _frame_of(text: str, where: Place) -> int:
-    """The number of a frame."""
+    """Parse a frame number; ``where`` is the place to name in the error."""
     with suppress(ValueError, OverflowError):
         if float(text) == round(float(text)):
             return round(float(text))

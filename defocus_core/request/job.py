@@ -24,14 +24,18 @@ _RESERVED = {
 
 
 def is_label(name: str) -> bool:
-    """Whether a label may have a name: no kind, and not begun like an input or a folder in OUT."""
+    """Whether a name is valid for a label, a kind of file that is copied beside the outputs.
+
+    A label must not be the name of a kind of output. Its part before the first ``_`` must not be
+    that of an input, such as ``depth``, or of a folder in OUT.
+    """
     is_free = name not in KINDS and name.partition("_")[0] not in _RESERVED
     return is_free and _LABEL.fullmatch(name) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class PictureFiles:
-    """The files of a picture; colour and depth are the same file if one EXR holds both."""
+    """The files of a picture. `color` and `depth` are the same file if one EXR holds both."""
 
     stem: str
     color: Path
@@ -48,13 +52,13 @@ class PictureFiles:
 
     @property
     def others(self) -> dict[str, PictureFiles]:
-        """The pictures of the same scene that belong to it, by role of `OTHERS`."""
+        """The other pictures of the same scene, by role: hidden, over, holdout, matte."""
         with_role = {role: getattr(self, role) for role in OTHERS}
         return {role: picture for role, picture in with_role.items() if picture is not None}
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files by role: color, depth; hidden_color, over_depth, … and labels, if any."""
+        """All files by role: color, depth, those of `others` like hidden_color, and labels."""
         files = {"color": self.color, "depth": self.depth}
         for role, other in self.others.items():
             files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
@@ -63,7 +67,7 @@ class PictureFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(DepthReading):
-    """How to read the input files."""
+    """Options for reading the input files."""
 
     color_layer: str | None = None  # colour layer of an EXR
     # auto, or off: depth is used as it is read
@@ -75,7 +79,7 @@ class Reading(DepthReading):
 
 @dataclass(frozen=True)
 class Outputs:
-    """The outputs of a job, and their place."""
+    """The kinds and file formats of the outputs of a job, and the folder to write them to."""
 
     root: Path
     kinds: tuple[str, ...] = ("render",)
@@ -93,21 +97,24 @@ class Outputs:
 
     @property
     def rows(self) -> list[Kind]:
-        """The written kinds, as rows of the table."""
+        """The kinds to write, as rows of the table `output_kinds.KINDS`."""
         return [KINDS[name] for name in self.kinds]
 
     @property
     def need_rendering(self) -> bool:
-        """Whether a kind needs rendering, not only signed radii."""
+        """Whether any kind needs a rendered picture; a CoC map, for one, needs only radii."""
         return any(kind.rendered for kind in self.rows)
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """The folders that files are written to."""
+        """The folders to write to: one for each kind and label, or the root for a single file."""
         return (self.root,) if self.file else tuple(self.root / k for k in self.kinds + self.labels)
 
     def names(self, stem: str) -> dict[str, str]:
-        """The files of a picture by kind, and by kind.preview, relative to the root."""
+        """The file of each kind for a picture named `stem`, relative to the root.
+
+        Previews have the keys ``<kind>.preview``.
+        """
         if self.file:
             return {self.kinds[0]: self.file}
         names = {
@@ -120,7 +127,11 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute: pictures depend on ``quality``, their last digits on ``tile``."""
+    """The quality of rendering, and the hardware to compute with.
+
+    The pixels of a picture depend on ``quality``, and in their last digits on ``tile``; the other
+    fields do not change them.
+    """
 
     quality: str = "standard"
     device: str = "auto"
@@ -131,7 +142,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class FrameLens:
-    """A frame of a shot, and its lens."""
+    """A frame of a shot, with its lens."""
 
     picture: PictureFiles
     lens: LensValues
@@ -139,7 +150,7 @@ class FrameLens:
 
 @dataclass(frozen=True)
 class Shot:
-    """The other frames of a shot on which a picture depends."""
+    """The frames of a shot that decide the repair of depth and the focus of the whole shot."""
 
     # frames that decide the repair of depth, and a focus that depends on depth, for the whole shot;
     # empty if each frame decides for itself
@@ -148,13 +159,13 @@ class Shot:
 
     @property
     def pictures(self) -> dict[int, PictureFiles]:
-        """The pictures of these frames by number."""
+        """The files of the deciding frames by frame number."""
         pictures = (each.picture for each in self.sample)
         return {int(p.frame): p for p in pictures if p.frame is not None}
 
     @property
     def files(self) -> dict[str, Path]:
-        """Their files by role, like frame1001_depth."""
+        """The files of the deciding frames by role, like ``frame1001_depth``."""
         return {
             f"{FRAME_ROLE}{number}_{role}": path
             for number, picture in sorted(self.pictures.items())
@@ -163,7 +174,13 @@ class Shot:
 
 
 def reading_through(reading: Reading, lens: LensValues | None) -> Reading:
-    """The reading of depth for a lens: as relative disparity if its blur is in pixels."""
+    """The options for reading depth, adapted to a lens.
+
+    With a lens whose ``blur`` is given in px, the depth is read as relative disparity.
+
+    Raises:
+        UsageProblem: ``invert`` is set, but the depth is not relative.
+    """
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
     if reading.invert is not None:
@@ -177,7 +194,7 @@ SPLIT_NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 
 
 class Split(NamedTuple):
-    """The split of a scene in a dataset; it does not change the outputs."""
+    """The split of a dataset, like train or test, that a scene belongs to. It changes no output."""
 
     name: str = ""  # empty for none
     scene: str = ""
@@ -189,7 +206,7 @@ NO_SPLIT = Split()
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One picture to render."""
+    """A picture to render through a lens, with all options."""
 
     picture: PictureFiles
     lens: LensValues
@@ -201,10 +218,11 @@ class Job:
     split: Split = NO_SPLIT
 
     def __post_init__(self) -> None:
-        """Read depth as the lens needs it.
+        """Check the options, and set the reading of depth to that which the lens needs.
 
         Raises:
-            UsageProblem: The format cannot hold `blur_channels`, or they would lack the highlights.
+            UsageProblem: The output format cannot hold the channels of `blur_channels`, or
+                `highlights` is on, whose added light these channels would lack.
         """
         if self.reading.blur_channels and self.outputs.format != "exr":
             problem = f"has no effect in {self.outputs.format}, which holds the picture alone"
@@ -216,7 +234,7 @@ class Job:
 
     @property
     def files(self) -> dict[str, Path]:
-        """The inputs by role: those of picture, shot and lens, and sidecars of the depth."""
+        """All input files by role: of the picture, its shot and its lens, and sidecars of depth."""
         files, row = self.picture.files, self.reading.row
         if row.sidecar or row.mask:
             from defocus_core.io.depth_formats.sidecars import files_beside
@@ -228,40 +246,43 @@ class Job:
 
     @property
     def lens_focal(self) -> float | None:
-        """Focal length in widths of the sensor, if reading the depth needs it; else None."""
+        """Focal length divided by sensor width; None if reading the depth does not need it."""
         return self.lens.foclen / self.lens.sensor_width if self.reading.needs_lens else None
 
     @property
     def sample_id(self) -> str:
-        """The name of the sample, and the stem of its files."""
+        """Name of the sample, the stem of its files: name of the picture and suffix of the lens."""
         return self.picture.stem + self.suffix
 
     @property
     def names(self) -> dict[str, str]:
-        """The files that the job writes, relative to the root, by kind, kind.preview and label."""
+        """The files to write, relative to the root, by kind, ``<kind>.preview`` or label."""
         labels = {k: f"{k}/{self.sample_id}{path.suffix}" for k, path in self.picture.carried}
         return self.outputs.names(self.sample_id) | labels
 
     @property
     def paths(self) -> dict[str, Path]:
-        """The file of each kind."""
+        """The path of the output file of each kind."""
         names, root = self.names, self.outputs.root
         return {kind: root / names[kind] for kind in self.outputs.kinds}
 
     @property
     def previews(self) -> dict[str, Path]:
-        """The preview of each kind; empty when none are wanted."""
+        """The path of the preview of each kind; empty if no previews are wanted."""
         names = {name: path for name, path in self.names.items() if name.endswith(PREVIEW)}
         return {name.removesuffix(PREVIEW): self.outputs.root / p for name, p in names.items()}
 
     @property
     def written(self) -> list[Path]:
-        """All files that the job writes."""
+        """The paths of all files to write: outputs, previews and labels."""
         return [self.outputs.root / name for name in self.names.values()]
 
 
 def of_views(jobs: Sequence[Job]) -> list[Job]:
-    """A job for each view, with its name added to the stem, if ‹view› names several."""
+    """Jobs with one view each: a job whose ‹view› names several becomes one job for each of them.
+
+    The name of the view is added to the file stem. Without such a job, all jobs are unchanged.
+    """
     if not any("," in (job.reading.view or "") for job in jobs):
         return list(jobs)
     return [

@@ -1,8 +1,8 @@
-"""The tables of options of a job, except those of its lens.
+"""The tables of the options of a job that are not lens options.
 
-The command line and the tables ``[reading]``, ``[inputs]``, ``[animate]``, ``[shot]``,
-``[outputs]`` and ``[machine]`` of jobs files use the same names; lens files have the options of
-reading, too. ``radial`` and ``planar`` are flags that set the field ``geometry``.
+The same option names serve the command line and the tables ``[reading]``, ``[inputs]``,
+``[animate]``, ``[shot]``, ``[outputs]`` and ``[machine]`` of jobs files. Lens files may contain
+options of ``[reading]``, too. The flags ``radial`` and ``planar`` both set the field ``geometry``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _FORMAT = one_of(NAMES, otherwise="'defocus help depth' lists all of them")
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingParam(Param):
-    """An option of reading."""
+    """An option for reading input files."""
 
     heading: str = "Files"
     of_pictures: bool = False  # whether it needs a picture or a lens, not a depth file alone
@@ -214,13 +214,13 @@ READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _READING
 
 
 def image_format(text: str) -> str:
-    """The type of image files, parsed from either spelling of its suffix."""
+    """Parse an image format; ``jpeg`` and ``tif`` are accepted for ``jpg`` and ``tiff``."""
     return one_of(tuple(SUFFIXES), "unknown-name")(FORMAT_ALIASES.get(text, text))
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputParam(Param):
-    """An option of outputs."""
+    """An option for writing outputs."""
 
     heading: str = "Output"
     suits: Callable[[Outputs], bool] = lambda _: True  # whether it applies to the outputs
@@ -433,7 +433,13 @@ TABLES: Mapping[str, Mapping[str, Param]] = {
 
 
 def in_one_file(outputs: Outputs, given: Collection[str]) -> Outputs:
-    """The outputs, as one file if the root names a file; ``given``: fields that were set."""
+    """Outputs with `file` and format set, if the root is the path of a file; else unchanged.
+
+    ``given`` has the names of the fields that the user set.
+
+    Raises:
+        UsageProblem: The file type or the other options do not allow a single file.
+    """
     path = outputs.root
     if path.is_dir():
         return outputs

@@ -1,7 +1,8 @@
-"""Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
+"""Jobs files: TOML files that list the pictures of a batch, the lenses for each, and the outputs.
 
-`defocus help batch` has their tables and keys. All that decides what the outputs look like stands
-in them; where they go and who computes them does not. Paths are relative to the file they stand in.
+`defocus help batch` describes the tables and keys. A jobs file contains everything that decides the
+content of the outputs, but neither the output folder nor the machine to compute on. Its paths are
+relative to its own folder.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ KEYS = {
 
 
 class Batch(NamedTuple):
-    """The jobs of a batch, and the source to keep beside them."""
+    """The jobs of a batch, and the jobs file or tables that they come from."""
 
     jobs: list[Job]
     source: JobsSource
@@ -76,10 +77,16 @@ def read_batch(
     machine: Machine,
     part: tuple[int, int] | None = None,
 ) -> Batch:
-    """The jobs of a jobs file, or of its tables; jobs of one picture are consecutive.
+    """Read the jobs of a batch from a jobs file, or from the same tables as a mapping.
 
-    `outputs`, `machine`: the defaults; `part`: (number, of how many) to make the jobs of one shard
-    alone: every n-th picture with all its lenses or, if pictures are fewer, every n-th job.
+    Jobs of the same picture are consecutive.
+
+    Args:
+        asked: The path of a jobs file, or its tables.
+        outputs: Defaults for ``[outputs]``.
+        machine: Defaults for ``[machine]``.
+        part: (k, n) to return only shard k of n, k from 1: every n-th picture with all its lenses;
+            if there are fewer than n pictures, every n-th job.
     """
     if isinstance(asked, Mapping):
         path, stored = Path("jobs"), asked
@@ -129,7 +136,7 @@ def read_batch(
 def _lenses(
     lens: Table, sweep: Table, sample: Table, animation: Animation | None, reading: Reading
 ) -> PictureLenses:
-    """The lenses of ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]``."""
+    """The lenses defined by ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]``."""
     lens.refuse_unknown((*LENS_OPTIONS, "file", METADATA))
     return PictureLenses(
         own=layer_of(lens.values, LENS_OPTIONS, lens.place),
@@ -145,7 +152,10 @@ def _lenses(
 
 
 def _lens_file(lens: Table) -> Path | None:
-    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
+    """The path of the lens file that ``[lens]`` names, if any.
+
+    A path is relative to the jobs file; a name like ``@portrait-85`` is a lens of this package.
+    """
     name = lens.text("file")
     return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
 
@@ -160,7 +170,7 @@ _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A picture, its place in a file for errors, and its own lens options."""
+    """A picture with its own lens options, and its place in the jobs file or list, for errors."""
 
     picture: PictureFiles
     where: Place
@@ -168,7 +178,11 @@ class Entry:
 
 
 def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
-    """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any."""
+    """The pictures of ``[inputs]`` in file order, and all frames of its frame pattern, if any.
+
+    Raises:
+        UsageProblem: There is no picture, or two pictures have the same name.
+    """
     table.refuse_unknown((*keys_of(INPUT_OPTIONS), "carry"))
     entries, shot = _from_files(table)
     for name in table.texts("list"):
@@ -212,7 +226,7 @@ def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
 
 
 def _carried(table: Table) -> dict[str, Path]:
-    """The paths of labels by name, of ``carry`` below ``[inputs]``."""
+    """The path pattern of each label, from the key ``carry`` of ``[inputs]``."""
     given, where = table.values.get("carry", {}), table.place("carry")
     if not isinstance(given, dict):
         remedy = 'write carry = {masks = "masks/*.png"}'
@@ -239,7 +253,11 @@ def _from_tables(table: Table) -> list[Entry]:
 
 
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
-    """The pictures of rows; a missing file fails in its own job, unless all files are missing."""
+    """The pictures of the rows of a list.
+
+    A missing file is no error here, but fails its own job later. Only if none of the first files
+    exists, InputError is raised.
+    """
     with without_collections():
         entries = [_entry(row, where, file) for where, row in rows]
     if not entries:

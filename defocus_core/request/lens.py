@@ -1,4 +1,4 @@
-"""A lens: optics, aperture, sensor, and its record in plain numbers and words."""
+"""The values of a lens, and their form in records and messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from defocus_core.request.quantities import Percentile, SideShare, Unitless, len
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """The draw of a random lens for a picture and a lens of the sweep."""
+    """Identification of a random lens: its values depend on these three fields alone."""
 
     seed: int  # the seed of the jobs file
     picture: str  # name of the picture and suffix of the lens of the sweep
@@ -24,12 +24,16 @@ class Draw:
 
 @dataclass(frozen=True, init=False)
 class LensValues:
-    """A thin lens, lengths in mm; it holds only what differs from a default, as jobs are many.
+    """A thin lens. All lengths are in mm.
 
-    Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `picture.focus` finds the distance. If a file holds radii instead of depth, only the
-    shape of the opening is known: focal length and f-number are NaN. The same holds with ``blur``,
-    whose radii are linear in the numbers of the depth file.
+    The focus is given in one of three ways: the distance ``foc_dist``, the pixel ``focus_at``, or
+    the percentile ``focus_percentile`` of depth; for the latter two, `picture.focus` finds the
+    distance.
+
+    ``foclen`` and ``fnum`` are NaN in two cases, where only the shape of the aperture matters: if
+    the input files hold blur radii instead of depth, and if ``blur`` is set, where radii are linear
+    in the numbers of the depth file. Only values that differ from the default are stored in an
+    instance, to save memory in large batches.
     """
 
     foclen: float
@@ -66,7 +70,7 @@ class LensValues:
     focus_source: Place = field(default=CALLER, compare=False)
 
     def __init__(self, foclen: float, fnum: float, foc_dist: float | None, **others: Any) -> None:
-        """Set the fields; beside a blur in px, the sharp range is in numbers of the file."""
+        """Set the fields. With ``blur``, the sharp range is in numbers of the depth file."""
         if others.get("blur") is not None and others.get("sharp_range") is not None:
             others["sharp_range"] = Unitless(others["sharp_range"])
         for name, value in {"foclen": foclen, "fnum": fnum, "foc_dist": foc_dist, **others}.items():
@@ -75,7 +79,7 @@ class LensValues:
 
     @property
     def effects(self) -> dict[str, Any]:
-        """The effects that are on, by the names of their fields."""
+        """The values of the optional effects that are on, in the form of records, by field name."""
         values = {name: getattr(self, name) for name in EFFECTS}
         return {
             name: EFFECT_OPTIONS[name].recorded(value)
@@ -85,13 +89,13 @@ class LensValues:
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files of the lens, by the names of their fields."""
+        """The files that define the aperture or the dual pixels, by field name."""
         paths = {name: getattr(self, name) for name in LENS_FILES}
         return {name: path for name, path in paths.items() if path is not None}
 
     @property
     def is_shape(self) -> bool:
-        """Whether only the shape of the opening is known, as beside a file of radii."""
+        """Whether only the shape of the aperture is known, without focal length and f-number."""
         return math.isnan(self.foclen)
 
 
@@ -102,7 +106,10 @@ EFFECTS = {name: value for name, value in DEFAULTS.items() if name in EFFECT_OPT
 
 
 def lens_record(lens: LensValues) -> dict[str, Any]:
-    """A lens in plain values, infinity as ``inf``; numbers are None if only its shape is known."""
+    """The record of a lens as a dictionary that JSON can hold. Infinity becomes ``"inf"``.
+
+    Optical values, such as the focal length, are None if only the shape of the aperture is known.
+    """
     values = {
         key: None if row.is_optics and lens.is_shape else row.recorded(getattr(lens, row.field))
         for key, row in RECORDED.items()
@@ -118,12 +125,12 @@ def lens_record(lens: LensValues) -> dict[str, Any]:
 
 
 def lens_words(lens: LensValues) -> str:
-    """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
+    """A lens as text, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
     return lens_record_words(lens_record(lens))
 
 
 def lens_record_words(lens: Mapping[str, Any]) -> str:
-    """A record of a lens in words."""
+    """A record made by `lens_record` as text, in the form of `lens_words`."""
     shown = [name for name in EFFECTS if name not in ("blur", "focus_value")]
     shape = f", {lens['blades']} blades" if lens["blades"] else ""
     values = {name: EFFECT_OPTIONS[name].shown(lens[name]) for name in shown if name in lens}

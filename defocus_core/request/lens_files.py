@@ -1,4 +1,4 @@
-"""Lens files: options of a lens and of reading in TOML, and those that ship, by name."""
+"""Lens files: TOML files with options of a lens and of reading; some ship with the package."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MARK = "@"
 
 
 def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> dict[str, Given]:
-    """The wanted options, of lens or reading, of a lens file; empty without a file."""
+    """The options in a lens file whose names are in `wanted`; empty if `file` is None."""
     if file is None:
         return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
@@ -31,9 +31,14 @@ def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> 
 
 
 def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
-    """The lens options of a file that the option at `where` names, for the lowest layer.
+    """The lens options of a lens file, checked against the kind of blur.
 
-    Beside a blur in pixels, options that decide radii are refused; beside files of radii, left out.
+    Args:
+        file: The lens file.
+        where: The place of the option that names the file, for errors.
+        in_pixels: Whether another option gives the blur in px. Then options of the file that decide
+            blur radii raise UsageProblem.
+        radii: Whether the input files hold blur radii. Then such options are left out, with a note.
     """
     stored = read_lens_file(file)
     if "blur" in stored:
@@ -52,7 +57,7 @@ def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
 
 @dataclass(frozen=True)
 class ShippedLens:
-    """A lens file that ships."""
+    """A lens file that is part of the package."""
 
     name: str  # as for ``--lens``, with the @
     path: Path
@@ -61,7 +66,7 @@ class ShippedLens:
 
 @cache
 def shipped_lenses() -> tuple[ShippedLens, ...]:
-    """The lens files that ship, sorted by name."""
+    """The lens files that are part of the package, sorted by name."""
     folder = Path(str(files("defocus_core.request"))) / "lenses"
     return tuple(
         ShippedLens(f"{MARK}{path.stem}", path, text.splitlines()[0].removeprefix("# "))
@@ -71,7 +76,10 @@ def shipped_lenses() -> tuple[ShippedLens, ...]:
 
 
 def lens_path(path: Path, where: Place) -> Path:
-    """The lens file of a path, or of a name like ``@portrait-85``."""
+    """The path of a lens file, given as a path or as the name of a shipped lens.
+
+    Names of shipped lenses begin with @, like ``@portrait-85``; ``where`` is the place for errors.
+    """
     known = {lens.name: lens.path for lens in shipped_lenses()}
     if not str(path).startswith(MARK):
         if not path.exists() and f"{MARK}{path}" in known:

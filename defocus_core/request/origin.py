@@ -1,7 +1,8 @@
-"""The origin of a data set: ``[dataset]`` of its jobs file, and the file itself, kept in OUT.
+"""The origin of a data set, such as title and licence, and the copy of the jobs file in OUT.
 
-``OUT/jobs.toml`` is the jobs file under a line that says so, or ``OUT/jobs.json`` the tables of a
-batch from Python. Card and index take title, licence, source and citation from it.
+``OUT/jobs.toml`` is a copy of the jobs file below a comment line. A batch from Python has its
+tables in ``OUT/jobs.json`` instead. The dataset card and the index take title, licence, source and
+citation from the table ``[dataset]`` of this copy.
 """
 
 from __future__ import annotations
@@ -24,7 +25,10 @@ _MARK = b"# The jobs file of this batch, kept by defocus; it is replaced by that
 
 @dataclass(frozen=True)
 class Origin:
-    """Title, licence, source, citation and the seed of the order of samples, if given."""
+    """Title, licence, source and citation of a data set, and the seed that shuffles its samples.
+
+    A text is empty if it is not given; ``shuffle`` is None to keep the samples in order.
+    """
 
     title: str = ""
     licence: str = ""
@@ -34,7 +38,7 @@ class Origin:
 
     @property
     def said(self) -> dict[str, str]:
-        """The given texts, by key."""
+        """The texts that are not empty, by field name."""
         return {key: text for key in _TEXTS if (text := getattr(self, key))}
 
 
@@ -43,7 +47,7 @@ _TEXTS = KEYS[:-1]
 
 
 def read_origin(table: Table) -> Origin:
-    """The origin in ``[dataset]``."""
+    """Read the table ``[dataset]`` of a jobs file."""
     table.refuse_unknown(KEYS)
     texts = {key: text for key in _TEXTS if (text := table.text(key)) is not None}
     return Origin(**texts, shuffle=table.parsed("shuffle", whole))
@@ -51,14 +55,17 @@ def read_origin(table: Table) -> Origin:
 
 @dataclass(frozen=True)
 class JobsSource:
-    """The request of a batch as it was read: bytes of a jobs file, or tables as JSON."""
+    """The bytes of a jobs file; or the tables of a batch from Python, as JSON."""
 
     path: Path | None  # the jobs file; None for tables from Python
     data: bytes
 
 
 def keep(out: Path, source: JobsSource) -> bool:
-    """Keep the request of a batch in OUT, without replacing foreign files; True if it is new."""
+    """Copy the jobs file or tables of a batch to OUT; True if a file was written.
+
+    Nothing is written if the copy is up to date, or if another program wrote a file of this name.
+    """
     if source.path is None:
         name, data = _KEPT_TABLES, source.data
     else:
@@ -78,7 +85,7 @@ def keep(out: Path, source: JobsSource) -> bool:
 
 
 def origin_of(out: Path) -> Origin:
-    """The origin by the jobs file kept in OUT; an empty one without it."""
+    """The origin in the copy of the jobs file in OUT; an empty one if there is none."""
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
         for name, loads in ((KEPT, toml_file.loads), (_KEPT_TABLES, json.loads)):
             if (data := _kept(out, name)) is not None:

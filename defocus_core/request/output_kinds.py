@@ -1,7 +1,8 @@
-"""Kinds of output, a row each, and the types of image files.
+"""The table of the kinds of output, and the types of image files.
 
-An image has the channels of the colour file and the type of ``--format``. A map is a float32 EXR
-or TIFF of one channel, named after the kind in an EXR.
+A kind is an image or a map. Images have the channels of the colour file and the file type
+``--format``. Maps are float32 EXR or TIFF files of one channel; in an EXR, the channel has the name
+of the kind unless its row names another.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from defocus_core.request.quantities import QuantityError, quantity
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of output."""
+    """A kind of output, such as render or coc."""
 
     name: str  # as in ``--outputs``
     help: str  # a line for ``defocus render --help``
@@ -29,33 +30,36 @@ class Kind:
 
     @property
     def halves(self) -> bool:
-        """Whether it needs the views through the left and the right half of the lens."""
+        """Whether this kind needs the views through the left and the right half of the lens."""
         return not {"left", "right"}.isdisjoint(self.rendered)
 
     @property
     def views(self) -> tuple[str, ...]:
-        """The kinds that its EXR file holds as views; empty if the file has one view."""
+        """The names of the views in a multi-view EXR of this kind; empty for other files."""
         return self.rendered if len(self.rendered) > 1 else ()
 
     @property
     def whole(self) -> bool:
-        """Whether all channels are rendered, for an image or a part of one."""
+        """Whether this kind has all channels of the rendered picture, not only one like a map."""
         return self.image or bool(self.rendered and self.source)
 
     @property
     def signed(self) -> bool:
-        """Whether values have a sign; their preview is orange below 0, white at 0, blue above."""
+        """Whether values have a sign; previews show negative ones in orange, positive in blue."""
         return self.source in ("radius", "disparity")
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
-        """Bytes of a pixel in memory before it is written."""
+        """Bytes per pixel that the output of this kind takes in memory until it is written.
+
+        `channels` is the number of colour channels, `sample_bytes` the bytes of an image sample.
+        """
         if not self.rendered:  # computed from the radii while it is written
             return 0
         sample_bytes = sample_bytes if self.image else 4
         return sample_bytes * len(self.rendered) * (channels if self.whole else 1)
 
     def suffix(self, image_format: str, map_format: str = "exr") -> str:
-        """The suffix of its files, given the formats of images and maps."""
+        """The suffix of files of this kind, like ``.exr``, for given formats of images and maps."""
         return ".exr" if self.views else SUFFIXES[image_format if self.image else map_format]
 
 
@@ -132,7 +136,7 @@ FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
 
 
 def compression(text: str) -> str:
-    """A codec of EXR files, parsed from ``zip``, ``dwaa:100`` or ``input``."""
+    """Parse an EXR codec, like ``zip``, ``dwaa:100`` or ``input`` (that of the colour file)."""
     name, colon, level = text.strip().lower().partition(":")
     if name not in COMPRESSIONS or (colon and name != "dwaa"):
         remedy = f"choose from {', '.join(COMPRESSIONS)}; or dwaa:LEVEL"
@@ -144,7 +148,10 @@ def compression(text: str) -> str:
 
 
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
-    """The format of the one file of a kind, by its suffix and the request; None if invalid."""
+    """The format that a file of a kind has by its suffix; None if the suffix does not fit.
+
+    `given` is the format that the user asked for, which the suffix must match, or None.
+    """
     word = suffix.lower().removeprefix(".")
     word = FORMAT_ALIASES.get(word, word)
     named = [name for name, end in SUFFIXES.items() if end == SUFFIXES.get(word)]
@@ -154,6 +161,6 @@ def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
 
 
 def is_picture_name(suffix: str) -> bool:
-    """Whether a suffix is that of a picture, so that it does not name a folder."""
+    """Whether a suffix is that of an image format that is written, so that a path names a file."""
     word = suffix.lower().removeprefix(".")
     return f".{word}" in SUFFIXES.values() or word in FORMAT_ALIASES

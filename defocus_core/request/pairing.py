@@ -1,8 +1,9 @@
-"""Pictures from files, directories and patterns: colour, depth and hidden files of one name.
+"""Find pictures in files, directories and patterns: match colour, depth and other files by name.
 
-The name of a file in a directory is its stem. In a pattern it is the text of the wildcards, with
-the text before them if that is the same in all patterns: ``s*/rgb.exr`` gives s1, not 1. A lone
-file pairs with any other lone file. Files of frame patterns pair by number alone.
+The name of a file in a directory is its stem. The name of a file that a pattern matches is the text
+that the wildcards stand for. If the text before the wildcards is the same in all patterns, the name
+includes it: ``s*/rgb.exr`` gives s1, not 1. A single colour file is paired with a single depth file
+whatever their names. Files of frame patterns are paired by frame number alone.
 """
 
 from __future__ import annotations
@@ -49,9 +50,10 @@ Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belo
 
 @dataclass(frozen=True)
 class _Files:
-    """The files of a path by name, which is empty for a lone file.
+    """The files that a path stands for, by name; the name of a single file is empty.
 
-    ``photos`` are photographs in a depth directory, used only where there is no other depth file.
+    ``photos`` are photographs in a directory of depth files. They are used as depth only for names
+    that have no other depth file.
     """
 
     path: Path
@@ -61,7 +63,7 @@ class _Files:
 
 
 def find_pictures(color: Path, depth: Path | None) -> list[PictureFiles]:
-    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame."""
+    """The pictures that the paths of colour and depth stand for, sorted by name or frame number."""
     return find(color, depth, {})[0]
 
 
@@ -74,7 +76,19 @@ def find(
     frames: FrameChoice = ALL,
     carried: Mapping[str, Path] | None = None,
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
-    """The pictures of paths, and all complete frames of their shot; `carried`: labels by role."""
+    """Find the pictures that paths stand for: files, directories, patterns or frame patterns.
+
+    Args:
+        color: The colour path.
+        depth: The depth path; None if each colour EXR holds its own depth.
+        others: Colour and depth paths of the other pictures of a scene, by role.
+        patterns_in: The folder of wildcard patterns; None refuses wildcards.
+        frames: The frames to return, and whether incomplete pictures are skipped.
+        carried: The path of each label.
+
+    Returns:
+        The wanted pictures; and all complete frames of the shot, empty without frame patterns.
+    """
     labels = carried or {}
     every = (color, depth, *(path for pair in others.values() for path in pair), *labels.values())
     paths = [path for path in every if path is not None]
@@ -124,7 +138,7 @@ def find(
 
 
 def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
-    """The frames chosen by options; ``at``: the place of an option."""
+    """The frames chosen by the options frames and missing; ``at`` gives the place of an option."""
     frames, missing = options.get("frames"), options.get("missing")
     return FrameChoice(
         None if frames is None else frame_numbers(frames.text, frames.place),
@@ -134,7 +148,10 @@ def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
 
 
 def others_of(paths: Mapping[str, Path], where: Place) -> Others:
-    """Colour and depth paths of the other pictures of a scene, by role; ``paths``: by option."""
+    """Colour and depth paths of the other pictures of a scene, by role such as hidden or over.
+
+    ``paths`` has the paths by option name; ``where`` is their place, for errors.
+    """
     for role in OTHERS:
         if f"{role}-depth" in paths and role not in paths:
             other = f"‹{role}›" if where.path is None else INPUT_OPTIONS[role].key
@@ -150,7 +167,10 @@ def others_of(paths: Mapping[str, Path], where: Place) -> Others:
 def _shot(
     color: Path, depth: Path | None, others: Others, root: Path, frames: FrameChoice
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
-    """The wanted frames of patterns, with a note on incomplete ones, and all frames."""
+    """The wanted frames of frame patterns; and all complete frames.
+
+    A note tells which frames are left out, as one of their files is missing.
+    """
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
         problem = "holds no depth beside its colour"
         remedy = "give the depth frames as a second argument"
@@ -182,7 +202,11 @@ def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "
 def _pair(
     color: Path, depth: Path | None, root: Path | None, with_text: bool, *, skips: bool
 ) -> tuple[_Files, dict[str, PictureFiles]]:
-    """The files of a colour path, and the picture of each name."""
+    """The files that a colour path stands for, and each picture by name, paired with its depth.
+
+    `root` and `with_text` are the folder of patterns, and whether names include the text before
+    wildcards. With `skips`, unpaired files are left out instead of refused.
+    """
     if depth is None:
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
         suffix = colors.path.suffix.lower()
@@ -247,7 +271,7 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
 
 
 def _check_paired(files: _Files, others: _Files, *, skips: bool) -> None:
-    """Refuse files without a partner among the others; or note them, if they are left out."""
+    """Refuse files without a file of the same name in `others`; with `skips`, note them."""
     if files.kind != others.kind:
         many, one = sorted((files, others), key=lambda each: each.kind == "file")
         problem = f"is a {many.kind} but {one.path} is a {one.kind}"

@@ -1,8 +1,9 @@
-"""The table of lens options: a row has everything about an option.
+"""The table of lens options, which has a row for each.
 
-Options of commands, keys of TOML files, columns of lists, sweeps, keys of frames, records, headers
-and the command lines of reports come from these rows; `Lens` has their values. They take effect in
-`picture.opening` (the pupil, then `optics`), `picture.radii`, or a step of `picture`.
+Everything that shows or reads a lens option is made from its row: options of commands, keys of TOML
+files, columns of lists, sweeps, keyframes, records, file headers, and commands in reports.
+`LensValues` holds the values. They take effect in `picture.opening` (the pupil), `picture.radii`
+(the blur radii), or an optional step of `picture`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Param:
-    """An option: its names, parser, text and help."""
+    """An option: its names, the parser of its value, its units and its help text."""
 
     name: str  # name of the option, and of the key of a TOML file
     key: str = ""  # key of a TOML file, if different
@@ -53,17 +54,17 @@ class Param:
     is_path: bool = False  # whether it names a file, or files
 
     def __post_init__(self) -> None:
-        """Parse one of the words, unless a parser is given."""
+        """Accept exactly the words in `choices`, if there are any and no parser is given."""
         if self.choices and self.parse is str:
             object.__setattr__(self, "parse", quantities.one_of(self.choices, "unknown-name"))
 
     @property
     def field(self) -> str:
-        """The field of its value."""
+        """The name of the field that holds the value."""
         return self.stored_as or self.name.replace("-", "_")
 
     def text(self, value: object, digits: int | None = None) -> str:
-        """The text of a value for `parse`, with all or `digits` digits."""
+        """A value as text that `parse` reads back, with `digits` significant digits or all."""
 
         def write(number: float) -> str:
             text = f"{number:.{digits}g}" if digits else f"{number}".removesuffix(".0")
@@ -72,7 +73,7 @@ class Param:
         return self._join(value, write)
 
     def shown(self, value: object, digits: int = 6) -> str:
-        """The text of a value for people, with lengths from 1 m on in metres."""
+        """A value as text for people, with lengths of 1 m or more in metres."""
         if self.unit == "mm":
             return self._join(value, lambda number: length_text(number, digits))
         return self.text(value, digits)
@@ -111,7 +112,11 @@ class LensParam(Param):
     never_off: bool = False  # whether every lens has it, so that it is not an effect
 
     def recorded(self, value: object) -> object:
-        """A value for records: a number, a word, or the text of several; None for NaN."""
+        """A value as it is stored in records.
+
+        Paths become file names, tuples and shares text, infinity ``"inf"``, NaN None. Other values
+        are unchanged.
+        """
         if isinstance(value, Path):
             return value.name
         if isinstance(value, tuple | SideShare):
@@ -121,7 +126,7 @@ class LensParam(Param):
         return value
 
     def with_unit(self, text: str) -> str:
-        """The text of a key of a frame, with its unit added to a plain number."""
+        """The text of a value at a keyframe, with the default unit added to a plain number."""
         try:
             is_bare = math.isfinite(float(text))
         except ValueError:
@@ -130,7 +135,7 @@ class LensParam(Param):
         return f"{text.strip()}{unit}" if is_bare else text
 
     def file_tag(self, value: object) -> str:
-        """The part of a file name for a value, like ``focus2m``, ``f1.4`` or ``at240x135``."""
+        """The part of a file name that tells a value: ``focus2m``, ``f1.4``, ``at240x135``."""
         if isinstance(value, Path):
             text = value.stem
         elif isinstance(value, Percentile):

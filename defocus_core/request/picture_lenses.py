@@ -1,8 +1,15 @@
-"""The lenses of each picture, from all layers of options.
+"""The lenses for each picture of a batch, from all layers of options.
 
-Layers, of which later ones win: a lens file, metadata of the picture, keys of its frame, options of
-all pictures (the command line, or ``[lens]``), those of its row, drawn and swept options. An option
-that is animated, drawn or swept must not be set elsewhere, where it would be ignored.
+These layers give lens options; later ones override earlier ones:
+
+  1. the lens file
+  2. metadata of the picture
+  3. keyframes, at the frame of the picture
+  4. options for all pictures, from the command line or ``[lens]``
+  5. options in the row of the picture in a list
+  6. random draws and sweeps
+
+An option that is animated, drawn or swept must not be set in layers 4 and 5.
 """
 
 from __future__ import annotations
@@ -43,7 +50,7 @@ LISTED = "lenses: "  # beginning of the keys of a lens in [sweep]
 
 @dataclass(frozen=True)
 class Sampling:
-    """The number of lenses to draw for a picture, and the distribution of each option."""
+    """How many lenses to draw at random for each picture, and from which distributions."""
 
     count: int = 0
     seed: int = 0
@@ -52,7 +59,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class PictureLenses:
-    """The lenses of each picture."""
+    """The lenses for each picture, computed from all layers of options."""
 
     own: Layer  # options of all pictures
     where: Place = CALLER  # the place of these options
@@ -71,7 +78,7 @@ class PictureLenses:
     _stored: dict[bool, Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        """Refuse options that are set twice, and metadata without effect."""
+        """Refuse options that are set twice, and the use of metadata where they have no effect."""
         listed = {
             name
             for layer in self.points.values()
@@ -88,7 +95,10 @@ class PictureLenses:
 
     @cached_property
     def places(self) -> dict[str, str]:
-        """The animated, drawn or swept options, with their places."""
+        """The place where each animated, drawn or swept option is set, by option name.
+
+        Alternative options, like focus-at beside focus, have the same place.
+        """
         places = {} if self.animation is None else self.animation.places
         tables = [*((options, "[sweep]") for options in self.points.values())]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
@@ -99,46 +109,46 @@ class PictureLenses:
 
     @property
     def count(self) -> int:
-        """The number of lenses of each picture."""
+        """The number of lenses for each picture."""
         return len(self.points) * max(self.sampling.count, 1)
 
     @property
     def suffixes(self) -> list[str]:
-        """The suffix of each lens in the names of samples."""
+        """The suffix of each lens, which is added to the names of samples."""
         draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
         return [suffix + draw for suffix in self.points for draw in draws]
 
     @property
     def varies(self) -> bool:
-        """Whether lenses may differ between pictures."""
+        """Whether pictures may have different lenses, because of keyframes or metadata."""
         return self.animation is not None or self.metadata
 
     @property
     def is_complete(self) -> bool:
-        """Whether no defaults of blur and focus are needed, as for relative depth."""
+        """Whether the options define a lens, so that defaults for relative depth are not needed."""
         fixed = self.varies or self.reading.holds_radii
         return fixed or not ("blur" in self.options or missing_options(self.options))
 
     @property
     def moves_focus(self) -> bool:
-        """Whether the pixel in focus changes from frame to frame."""
+        """Whether keyframes move the pixel in focus."""
         return self.animation is not None and "focus-at" in self.animation.keys
 
     @cached_property
     def options(self) -> Layer:
-        """The options of all pictures, unless they vary."""
+        """The options that all pictures have in common: lens file, own options and random draws."""
         return laid_over(self._of_file(self.own), self.own, self.sampling.options)
 
     @cached_property
     def fixed(self) -> LensValues | None:
-        """The lens of all pictures, if it is the same."""
+        """The lens of all pictures; None if keyframes or metadata may give them different ones."""
         if self.varies:
             return None
         self._check(self.options, {}, None)
         return lens_of(self.options)
 
     def lens_of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
-        """The lens of a picture with one lens, and the options used of its metadata."""
+        """The only lens of a picture, and those options that come from metadata of the picture."""
         if self.fixed is not None:
             return self.fixed, {}
         options, metadata = self._options(picture, {})
@@ -149,9 +159,10 @@ class PictureLenses:
     def lenses(
         self, picture: PictureFiles, numbers: Iterable[int], row: Layer = _NONE
     ) -> Iterator[tuple[str, LensValues]]:
-        """The suffix of each lens for the name of the sample, and the lens.
+        """Yield the lenses of a picture, each with its suffix for the name of the sample.
 
-        `numbers`: indices of the lenses, ascending; `row`: options of this picture alone.
+        `numbers` are the indices of the wanted lenses, ascending; `row` has the options of this
+        picture.
         """
         refuse_repeated(row, self.places)
         points = [*self.points.items()]
@@ -184,14 +195,14 @@ class PictureLenses:
         check_lens(options, self.where, radii=self.reading.holds_radii, lacking=lacking)
 
     def _options(self, picture: PictureFiles, row: Layer) -> tuple[Layer, Layer]:
-        """The options of a picture except swept ones, and those from its metadata."""
+        """The options of a picture before sweeps; and those among its metadata."""
         metadata = self._of_metadata(picture)
         own = laid_over(self.own, self.sampling.options, row)
         below = laid_over(self._of_file(own), metadata)
         return laid_over(below, self._keyed(picture), own), metadata
 
     def _of_file(self, above: Layer) -> Layer:
-        """The options of the lens file, below others."""
+        """The options of the lens file; `above` has the options that override them."""
         if self.file is None:
             return {}
         in_pixels = "blur" in above or "blur" in self.places
@@ -215,7 +226,7 @@ class PictureLenses:
         }
 
     def _keyed(self, picture: PictureFiles) -> Layer:
-        """The options at the frame of a picture."""
+        """The values of animated options at the frame of a picture."""
         if self.animation is None:
             return {}
         if picture.frame is None:

@@ -1,7 +1,8 @@
-"""Parsers of quantities: lengths with a unit, angles, pixels, counts.
+"""Parsers of option values: lengths with a unit, angles, pixels, counts.
 
-A parser takes a text of the command line or a lens file and returns millimetres, degrees or plain
-numbers. Decimal arithmetic keeps ``2.3m`` at 2300 mm, so that it can be written back unchanged.
+Each parser takes the text of a value on the command line or in a TOML file. Lengths are returned in
+mm, angles in degrees, other quantities as plain numbers. Arithmetic is decimal, so that ``2.3m`` is
+exactly 2300 mm and is written back unchanged.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 
 
 class QuantityError(ValueError):
-    """A text is not the wanted quantity; has the problem, and what to write instead."""
+    """A text that cannot be parsed, with the problem and what to write instead."""
 
     def __init__(self, problem: str, remedy: str, code: str = "malformed") -> None:
         super().__init__(f"{problem}; {remedy}")
@@ -50,7 +51,7 @@ class QuantityError(ValueError):
 
 @dataclass(frozen=True)
 class Percentile:
-    """The percentile of the distance over all pixels except the sky."""
+    """A focus distance given as a percentile of the depths of all pixels except sky."""
 
     percent: float
 
@@ -60,7 +61,7 @@ class Percentile:
 
 @dataclass(frozen=True)
 class SideShare:
-    """A length in the picture as a share of its longer side, like ``2%``."""
+    """A length in the picture in percent of its longer side, like ``2%``."""
 
     percent: float
 
@@ -69,11 +70,14 @@ class SideShare:
 
 
 class Unitless(tuple[float, float]):
-    """Two numbers without a unit, in place of lengths: of a depth file, or shares of a blur."""
+    """Two numbers without a unit, given instead of lengths.
+
+    They are numbers of the depth file (sharp range) or shares of the blur (axial colour).
+    """
 
 
 def short(text: str, maximum: int = _LONGEST_NUMBER) -> str:
-    """The text, refused if it is too long for a number."""
+    """The unchanged text; raises QuantityError if it has more than `maximum` characters."""
     if len(text) > maximum:
         problem = f"'{text[:20]}…' has {len(text)} characters, of which {maximum} are read"
         raise QuantityError(problem, "write a shorter one")
@@ -81,7 +85,7 @@ def short(text: str, maximum: int = _LONGEST_NUMBER) -> str:
 
 
 def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
-    """The parsed value of a text, with errors at a place."""
+    """Parse texts with `parse`; a parsing error becomes a UsageProblem that names their place."""
     try:
         for text in texts:
             short(text, _LONGEST_TEXT)
@@ -102,7 +106,17 @@ def quantity(
     most: float = math.inf,
     is_positive: bool = False,
 ) -> Callable[[str], float]:
-    """A parser of a finite number with its unit, which is optional if `units` has an empty one."""
+    """Make a parser of a finite number with a unit, to be converted by the factors in `units`.
+
+    Args:
+        what: The quantity, with its article, for error messages.
+        example: The end of the remedy, like "like 2m".
+        units: Factor by which a number with a unit is multiplied, by unit; the key "" allows
+            numbers without a unit.
+        least: Least allowed value.
+        most: Greatest allowed value.
+        is_positive: Whether 0 and negative values are refused.
+    """
 
     def parse(text: str) -> float:
         match = _NUMBER.fullmatch(short(text))
@@ -143,17 +157,17 @@ _bytes = quantity("a size", "like 2GB", _BYTES, least=1)
 
 
 def fnumber(text: str) -> float:
-    """A positive f-number, from ``1.4`` or ``f/1.4``."""
+    """Parse a positive f-number, written like ``1.4`` or ``f/1.4``."""
     return _fnumber(text.lower().removeprefix("f/"))
 
 
 def byte_count(text: str) -> int:
-    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
+    """Parse a positive size in bytes, written like ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
     return int(_bytes(text))
 
 
 def scale(text: str) -> float:
-    """A factor, parsed from ``0.001``, ``1/256`` or ``-1``."""
+    """Parse a factor other than 0, written like ``0.001``, ``1/256`` or ``-1``."""
     over, slash, under = text.partition("/")
     divisor = number(under) if slash else 1.0
     factor = number(over) / divisor if divisor else 0.0
@@ -163,7 +177,7 @@ def scale(text: str) -> float:
 
 
 def distances(text: str) -> tuple[float, float]:
-    """Two distances in mm, parsed from ``2m 50m``; one may be inf or 0."""
+    """Parse two distances, written like ``2m 50m``, ``0 50m`` or ``2m inf``, to mm."""
     words = text.replace(",", " ").split()
     if len(words) != 2:
         raise QuantityError(f"'{text}' is not two distances", "write them like 2m 50m")
@@ -176,7 +190,10 @@ def _is_infinite(text: str) -> bool:
 
 
 def sharp_range(text: str) -> tuple[float, float]:
-    """The ends of a range in mm, parsed from ``1.8m..2.4m``; `Unitless` from ``100..200``."""
+    """Parse a range of distances like ``1.8m..2.4m`` to its ends in mm, nearer first.
+
+    Without units, as in ``100..200``, the numbers are returned as `Unitless`.
+    """
     ends = [end.strip() for end in short(text).split("..")]
     if len(ends) != 2:
         raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
@@ -191,7 +208,7 @@ def sharp_range(text: str) -> tuple[float, float]:
 
 
 def focus(text: str) -> float | Percentile:
-    """The distance in focus in mm, also ``inf``, or ``percentile(50)`` of the depth."""
+    """Parse a focus like ``2m`` or ``inf`` to mm, or a percentile like ``percentile(50)``."""
     if _is_infinite(text):
         return math.inf
     match = _PERCENTILE.fullmatch(short(text))
@@ -199,7 +216,7 @@ def focus(text: str) -> float | Percentile:
 
 
 def blur(text: str) -> float | SideShare:
-    """A positive length in the picture, from ``40px``, ``40`` or ``2%`` of its longer side."""
+    """Parse a positive blur radius: in px like ``40px`` or ``40``, or a share like ``2%``."""
     if not text.strip().endswith("%"):
         return pixel_count(text)
     percent = percentage(text)
@@ -209,7 +226,7 @@ def blur(text: str) -> float | SideShare:
 
 
 def whole_within(minimum: int, maximum: int = 10**9 - 1) -> Callable[[str], int]:
-    """A parser of whole numbers from ``minimum`` to ``maximum``."""
+    """Make a parser of whole numbers from ``minimum`` to ``maximum``, both included."""
     limits = f"{minimum} to {maximum}" if maximum < 10**9 - 1 else f"{minimum} or more"
 
     def parse(text: str) -> int:
@@ -228,7 +245,7 @@ _blades = whole_within(0, _MAX_BLADES)
 
 
 def blades(text: str) -> int:
-    """The number of aperture blades: 0 for a round opening, else 3 or more."""
+    """Parse the number of aperture blades: 0 for a round aperture, else 3 or more."""
     count = _blades(text)
     if count in (1, 2):
         raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
@@ -236,7 +253,7 @@ def blades(text: str) -> int:
 
 
 def pixel(text: str) -> tuple[int, int]:
-    """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
+    """Parse a pixel, written ``X,Y``, to (x, y), counted from 0 at the upper left."""
     match = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", short(text))
     if not match:
         raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
@@ -244,14 +261,18 @@ def pixel(text: str) -> tuple[int, int]:
 
 
 def always(value: T) -> Callable[[str], T]:
-    """A parser that returns a constant, for options without a text."""
+    """Make a parser that ignores its text and returns `value`, for flags."""
     return lambda _: value
 
 
 def one_of(
     words: Collection[str], code: str = "malformed", otherwise: str = ""
 ) -> Callable[[str], str]:
-    """A parser that takes one of the words; `otherwise`: the remedy if none is near."""
+    """Make a parser that accepts only the given words.
+
+    `code` is the code of the error for other texts; `otherwise` is its remedy if no word is
+    similar.
+    """
 
     def parse(text: str) -> str:
         if text not in words:
@@ -263,12 +284,12 @@ def one_of(
 
 
 def switch(text: str) -> bool:
-    """True for ``on``, False for ``off``."""
+    """Parse ``on`` to True and ``off`` to False."""
     return one_of(("on", "off"))(text.strip().lower()) == "on"
 
 
 def several(parse: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
-    """A parser of values separated by commas, without repetition, in order."""
+    """Make a parser of a list of values with commas, each parsed by `parse`, without duplicates."""
 
     def parse_all(text: str) -> tuple[T, ...]:
         words = [word.strip() for word in text.split(",")]
@@ -280,14 +301,14 @@ def several(parse: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
 
 
 def file(text: str) -> Path:
-    """The path of a file."""
+    """Parse the path of a file, which must not be empty."""
     if not text or "\0" in text:
         raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
     return Path(text)
 
 
 def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
-    """A parser of a model of dual pixels, or of the path of a file of kernels."""
+    """Make a parser of a dual-pixel model: one of `models`, or the path of a .npy file of kernels."""
 
     def parse(text: str) -> str | Path:
         if (word := text.strip().lower()) in models:
@@ -303,7 +324,7 @@ def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
 def _pair(
     first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
 ) -> Callable[[str], tuple[float, float]]:
-    """A parser of two quantities separated by a colon."""
+    """Make a parser of two quantities separated by a colon."""
 
     def parse(text: str) -> tuple[float, float]:
         words = text.split(":")
@@ -345,30 +366,36 @@ _shifts, _shares = _pair(_shift, _shift, *_LIKE), _pair(_share, _share, *_LIKE)
 
 
 def noise(text: str) -> tuple[float, float] | str:
-    """Electrons of a light of 1 and of read noise, from ``4000:3``; or ``match``."""
+    """Parse sensor noise like ``4000:3``, or the word ``match``.
+
+    The numbers are the electrons of a light of 1, and the electrons of read noise.
+    """
     word = text.strip().lower()
     return word if word == MATCH else _sensor(text)
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None for ``off``."""
+    """Parse threshold and gain of clipped lights, as ``0.93:8`` or ``auto``; None for ``off``."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 
 
 def shifts(text: str) -> tuple[float, float]:
-    """Focus shifts of red and blue in mm, of either sign; `Unitless` beside a blur in px."""
+    """Parse focus shifts of red and blue like ``0.1mm:0.05mm`` to mm; they may be negative.
+
+    Without units, as shares of a blur in px, they are returned as `Unitless`.
+    """
     has_unit = any(letter.isalpha() for letter in text.replace("e", ""))
     return _shifts(text) if has_unit else Unitless(_shares(text))
 
 
 def text_of(value: object) -> str:
-    """A value of TOML, JSON or CSV, as a text of the command line."""
+    """A value from TOML, JSON or CSV as it is written on the command line; lists with commas."""
     return ",".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
 def length_text(mm: float, digits: int = 6) -> str:
-    """A length for people, like ``50mm``, ``2m`` or ``inf``."""
+    """A length as text for people, like ``50mm``, ``2m`` or ``inf``."""
     if math.isinf(mm):
         return "inf"
     return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"

@@ -1,8 +1,9 @@
-"""The resolver: the values of options, and the lens, reading and outputs that they make.
+"""Resolve options: combine the layers in which they are given, and make lens, reading and outputs.
 
-Options stand in layers, each above those before it: a lens file, the metadata of a picture, the
-keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A row checks type
-and range when it is parsed; conflicts and missing effects are found when all layers are known.
+A layer holds the options of one source. The layers, of which later ones override earlier ones, are
+a lens file, metadata of the picture, keyframes, the command line or a jobs file, the row of the
+picture in a list, and a sweep. The type and range of a value are checked when it is parsed;
+contradictions between options, and options without effect, when all layers are known.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 class Given(NamedTuple):
-    """The setting of an option."""
+    """A value that an option was given."""
 
     value: Any  # in mm, degrees or plain numbers; or a Distribution of these
     text: str  # as on the command line
@@ -54,7 +55,7 @@ ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.
 
 @cache
 def alternatives(name: str) -> frozenset[str]:
-    """An option and its alternatives."""
+    """The names of an option and its alternatives, like focus and focus-at."""
     return frozenset((name,)).union(*(pair for pair in ALTERNATIVES if name in pair))
 
 
@@ -62,7 +63,7 @@ _LIST = re.compile(r"\s*[\d.]+\s*[a-z%]*\s*(,\s*[\d.]+\s*[a-z%]*\s*)+", re.I)
 
 
 def value_of(name: str, text: str) -> Any:
-    """The value of a text of an option, in mm, degrees or plain numbers; off gives the default."""
+    """Parse the value of an option, in mm, degrees or plain numbers; ``off`` gives the default."""
     row = ROWS[name]
     if name in LENS_OPTIONS and not row.separator and _LIST.fullmatch(text):
         remedy = "write one, or the list below [sweep] of a jobs file"
@@ -72,28 +73,29 @@ def value_of(name: str, text: str) -> Any:
 
 
 def parsed(name: str, text: str, place: Place) -> Given:
-    """The setting of an option from a text, checked by itself."""
+    """Parse the value of an option; errors name its place."""
     return Given(read_at(place, value_of, name, text), text, place)
 
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
-    """The options of a table of a file; other keys are refused, except ``others``."""
+    """Parse the options in a table; a key that is neither in `rows` nor in ``others`` is an error."""
     named = keys_of(rows)
     table.refuse_unknown((*named, *others))
     return layer_of(table.values, named, table.place)
 
 
 def keys_of(rows: Mapping[str, Param]) -> dict[str, Param]:
-    """The rows of options by their keys in files."""
+    """The rows of options by their keys in files, without options that only commands have."""
     return {row.key or name: row for name, row in rows.items() if row.only != "commands"}
 
 
 def layer_of(
     values: Mapping[str, Any], rows: Mapping[str, Param], at: Callable[[str], Place]
 ) -> dict[str, Given]:
-    """The options among values by key, each checked by itself; None is not given.
+    """Parse the options among `values`; other keys and None are ignored.
 
-    `rows`: the options by key; `at`: the place of a key. Paths are relative to its file.
+    `rows`: the options by key; `at`: gives the place of a key. Paths are relative to the folder of
+    the file in that place.
     """
     layer = {
         rows[key].name: given(rows[key].name, value, at(key))
@@ -105,7 +107,7 @@ def layer_of(
 
 
 def given(name: str, value: object, place: Place) -> Given:
-    """The setting of an option from a text, a number, or a list of these in a file."""
+    """Parse an option that a file gives as a text, a number, a boolean or a list."""
     row, text = ROWS[name], text_of(value)
     if row.flag:
         if value is not True:
@@ -127,9 +129,9 @@ def given(name: str, value: object, place: Place) -> Given:
 
 
 def laid_over(*layers: Layer) -> dict[str, Given]:
-    """The options of all layers; later ones win, also over alternatives of the same meaning.
+    """Combine layers; an option replaces itself and its alternatives in earlier layers.
 
-    If a layer removes the blades, options below it that shape blades are dropped.
+    If a layer removes the aperture blades, options in earlier layers that shape them are dropped.
     """
     options: dict[str, Given] = {}
     for layer in filter(None, layers):
@@ -141,7 +143,7 @@ def laid_over(*layers: Layer) -> dict[str, Given]:
 
 
 def refuse_contradiction(layer: Layer) -> None:
-    """Raise UsageProblem if two options of a layer are alternatives, like focus and focus-at."""
+    """Raise UsageProblem if a layer has two alternative options, like focus and focus-at."""
     for one, other in ALTERNATIVES:
         if one in layer and other in layer:
             place = layer[one].place
@@ -150,7 +152,7 @@ def refuse_contradiction(layer: Layer) -> None:
 
 
 def refuse_repeated(layer: Layer, places: Mapping[str, str]) -> None:
-    """Raise UsageProblem for an option that another place sets for all pictures, too."""
+    """Raise UsageProblem if an option of `layer` is also set in one of `places`, by option name."""
     for name in layer.keys() & places.keys():
         problem = f"is in {places[name]}, too"
         raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
@@ -172,10 +174,14 @@ _UNITLESS = {
 def check_lens(
     options: Layer, where: Place, *, radii: bool = False, lacking: Path | None = None
 ) -> None:
-    """Raise UsageProblem for options that do not make a lens.
+    """Raise UsageProblem if the options do not define a lens.
 
-    `where`: the table that lacks options; `radii`: whether depth files hold radii, so that a lens
-    is only the shape of its opening; `lacking`: the picture whose metadata were read, too.
+    Args:
+        options: The combined options.
+        where: The table to which missing options should be added, for errors.
+        radii: Whether depth files hold blur radii, so that only the shape of the aperture is
+            needed.
+        lacking: The picture whose metadata were searched for options, for errors.
     """
     possible = {name: _possible(each.value) for name, each in options.items()}
     in_pixels = "blur" in options
@@ -207,7 +213,10 @@ def check_lens(
 
 
 def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = False) -> None:
-    """Raise UsageProblem if an option decides the radii beside a blur or a file of radii."""
+    """Raise UsageProblem if an option has no effect, since it would decide blur radii.
+
+    `in_pixels`: radii are decided by the option blur; `radii`: they are in the depth files.
+    """
     for name, (_, _, place) in options.items():
         if in_pixels and name not in BESIDE_BLUR:
             problem = "has no effect beside ‹blur›, which replaces the lens"
@@ -219,13 +228,13 @@ def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = Fals
 
 
 def missing_options(options: Layer) -> list[str]:
-    """The required options that have neither a value nor an alternative."""
+    """The names of required lens options that have no value, nor an alternative with one."""
     required = (row.name for row in LENS_OPTIONS.values() if row.required)
     return [name for name in required if not alternatives(name) & options.keys()]
 
 
 def missing_words(lacking: Sequence[str]) -> str:
-    """The words after the name of the first missing option, which name the others, too."""
+    """The words of an error that follow the name of the first missing option: "is missing, …"."""
     others = " and ".join(f"‹{name}›" for name in lacking[1:])
     return (
         f"is missing, as {'are' if len(lacking) > 2 else 'is'} {others}" if others else "is missing"
@@ -233,7 +242,10 @@ def missing_words(lacking: Sequence[str]) -> str:
 
 
 def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) -> None:
-    """Raise UsageProblem if required options are missing, also in the metadata of a picture."""
+    """Raise UsageProblem if required lens options are missing.
+
+    `where` is the place for errors; `lacking`, the picture whose metadata do not have them either.
+    """
     missing = missing_options(options)
     if not missing:
         return
@@ -254,7 +266,10 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
-    """Raise UsageProblem unless the focus is farther than the focal length (mm)."""
+    """Raise UsageProblem unless the focus distance exceeds the focal length, both in mm.
+
+    `where` is the place for errors; `at` is text before the distance.
+    """
     if foc_dist <= foclen:
         near, far = length_text(foc_dist), length_text(foclen)
         problem = f"{at}{near} is not farther than the focal length {far}"
@@ -263,7 +278,7 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = ""
 
 
 def lens_of(options: Layer, draw: Draw | None = None) -> LensValues:
-    """The lens of options that passed `check_lens`; `draw`: the draw of random ones."""
+    """Make a lens of options that passed `check_lens`; `draw` identifies random values."""
     values = {name: each.value for name, each in options.items()}
     if draw is not None:
         from defocus_core.optics.distributions import Distribution, drawn
@@ -291,7 +306,7 @@ _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 
 
 def distribution(name: str, text: str) -> Distribution | None:
-    """The distribution of an option; None if the text is a plain value."""
+    """Parse a distribution of a lens option, like ``uniform(1m, 4m)``; None for a plain value."""
     call = _CALL.fullmatch(text)
     if not call:
         return None
@@ -315,12 +330,15 @@ def distribution(name: str, text: str) -> Distribution | None:
 
 
 def fields_of(layer: Layer) -> dict[str, Any]:
-    """The values of options by their fields."""
+    """The values of options by the names of their fields."""
     return {ROWS[name].field: each.value for name, each in layer.items()}
 
 
 def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Outputs:
-    """Outputs changed by options that have an effect; `one_file`: the root may name a file."""
+    """Apply output options to the defaults in `outputs`; options without effect are errors.
+
+    `one_file`: whether the root may be the path of a single file.
+    """
     values = fields_of(layer)
     copied = INPUTS if values.pop("inputs", None) else ()
     kinds = tuple(dict.fromkeys((*values.get("kinds", outputs.kinds), *copied)))
@@ -335,7 +353,7 @@ def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Out
 
 
 def reading_of(*layers: Layer) -> Reading:
-    """The reading by options of all layers."""
+    """The options for reading input files, combined from all layers."""
     options = laid_over(*layers)
     reading = Reading(**fields_of(options))
     repair, width = reading.depth_repair, reading.edge_width
@@ -346,11 +364,10 @@ def reading_of(*layers: Layer) -> Reading:
 
 
 def _possible(value: Any) -> Sequence[Any]:
-    """The value, or all values or both ends of a Distribution."""
+    """The values that an option may take: one, or the values or both ends of a distribution."""
     kind = getattr(value, "kind", None)
     return (value,) if kind is None else () if kind == "percentile" else value.values
 
 
 def _named(option: str, place: Place) -> str:
-    """The name of an option at a place."""
     return f"‹{option}›" if place.path is None else option

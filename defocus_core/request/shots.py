@@ -1,7 +1,7 @@
-"""Shots: frames for which some decisions are taken together.
+"""Shots: frames of a frame pattern, which share the repair of depth and a focus found from depth.
 
-Frame patterns make a shot. These decisions come from the first, the middle and the last existing
-frame, whichever are rendered, so that a frame looks the same alone and with the others.
+Both are decided from the first, the middle and the last frame that exist, even if other frames are
+rendered. So a frame looks the same whether it is rendered alone or with the others.
 """
 
 from __future__ import annotations
@@ -24,10 +24,14 @@ def with_shot(
     *,
     moving: bool,
 ) -> list[Job]:
-    """The jobs of frames, each with the frames that decide for the shot.
+    """Jobs of which each frame of the shot knows the frames that decide for the shot.
 
-    `every`: all existing frames of the shot, ascending; empty without a shot; `options`: those of a
-    shot; `moving`: whether the pixel in focus changes from frame to frame.
+    Args:
+        jobs: The jobs, in any order.
+        every: All existing frames of the shot, ascending; empty without a shot.
+        lens_of: Gives the lens of a frame, by the suffix of the lens.
+        options: Options of the table ``[shot]``.
+        moving: Whether keyframes move the pixel in focus, so that it is not shared.
     """
     if not every:
         for given in options.values():

@@ -1,7 +1,7 @@
-"""Splits of a dataset, like train and test, by the scene of a picture, so that no scene leaks.
+"""Splits of a dataset, like train and test. All pictures of a scene are in the same split.
 
-A hash of its name decides the split of a scene, which therefore does not depend on other scenes. A
-scene keeps the split that the journal has. `defocus help batch` has the keys of ``[split]``.
+The split of a scene depends on a hash of its name, so other scenes do not change it. A scene that
+the journal records in a split stays there. `defocus help batch` describes the keys of ``[split]``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ROUNDING = 1e-6
 
 
 def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]:
-    """The split of each picture by ``[split]``; empty without it."""
+    """The split of each picture, in order, by the table ``[split]``; `NO_SPLIT` without it."""
     fractions, counts = _shares(section)
     pattern, place = section.text(_SCENE), section.place(_SCENE)
     if pattern is not None:
@@ -55,7 +55,10 @@ def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]
 
 
 def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
-    """The scene of a picture, by its name."""
+    """The name of the scene: what the wildcards of `pattern` match in the picture's name.
+
+    Without a pattern, it is the name of the picture, without frame number.
+    """
     name = picture.stem
     if pattern is None:
         return name if picture.frame is None else re.sub(r"\d+$", "", name)
@@ -68,7 +71,7 @@ def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
 
 
 def _place_of(scene: str) -> float:
-    """The place of a scene in the range from 0 to 1, by the hash of its name."""
+    """A number from 0 to 1 that the hash of a scene's name determines."""
     digest = blake2b(os.fsencode(scene), digest_size=8).digest()
     return int.from_bytes(digest, "big") / 2**64
 
@@ -76,9 +79,15 @@ def _place_of(scene: str) -> float:
 def with_recorded(
     jobs: Sequence[Job], recorded: Mapping[str, Collection[str]], *, all_scenes: bool = True
 ) -> list[Job]:
-    """Jobs whose scenes keep the recorded split of their pictures, if it still exists.
+    """Jobs whose scenes keep the split in which the journal recorded them, if it still exists.
 
-    Notes count scenes kept against their hash, and scenes that changed, and name empty splits.
+    Notes tell how many scenes differ from their hash, how many changed split, and which splits are
+    empty.
+
+    Args:
+        jobs: The jobs, with splits decided by hashes.
+        recorded: Names of the recorded splits, by name of picture.
+        all_scenes: Whether these are all scenes of the batch, so that a split may be called empty.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:
@@ -106,7 +115,7 @@ def with_recorded(
 
 
 def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
-    """The shares of splits, and the numbers of scenes of other splits, by name."""
+    """Splits given by a share of the scenes, 0 to 1; and splits given by a number of scenes."""
     fractions, counts = {}, {}
     for name, value in section.values.items():
         if name == _SCENE:

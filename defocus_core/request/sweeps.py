@@ -1,7 +1,8 @@
-"""Sweeps and random draws of lens options: ``[sweep]`` and ``[sample]`` of a jobs file.
+"""Sweeps and random draws of lens options: the tables ``[sweep]`` and ``[sample]`` of a jobs file.
 
-The name of a lens has the swept options alone, so that it does not change when a list grows. A draw
-depends on ``seed`` and the name of its picture and lens alone.
+The suffix that names a lens has its swept options alone, so it stays the same when more values are
+added. A random draw depends only on ``seed``, the name of the picture, the suffix of the swept lens
+and the number of the draw.
 """
 
 from __future__ import annotations
@@ -33,7 +34,11 @@ _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
 
 
 def read_sweep(table: Table) -> dict[str, Layer]:
-    """The options of each lens of ``[sweep]`` by suffix; the first option varies slowest."""
+    """The swept options of each lens of ``[sweep]``, by the suffix that names the lens.
+
+    All combinations of values are made; the first option in the order of `LENS_OPTIONS` varies
+    slowest.
+    """
     table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []
     for name in LENS_OPTIONS:
@@ -99,7 +104,7 @@ def _sets(table: Table) -> list[dict[str, Given]]:
 
 
 def _range(name: str, text: str, where: Place) -> list[Given]:
-    """The values of a range: ends as written, values between them rounded."""
+    """The values of a range like ``0.5m..8m @ 12 in disparity``; all but the ends are rounded."""
     match = _RANGE.fullmatch(read_at(where, short, text).strip())
     if not match:
         raise UsageProblem("malformed", f"'{text}' is not a range", _RANGE_EXAMPLE, path=where)
@@ -139,7 +144,7 @@ _SAMPLE_KEYS = ("n", "seed", *LENS_OPTIONS)
 
 
 def read_sampling(table: Table) -> Sampling:
-    """The sampling of ``[sample]``, with a count of 0 without such a table."""
+    """Read the table ``[sample]``; without it, the count of draws is 0."""
     if not table.values:
         return Sampling()
     table.refuse_unknown(_SAMPLE_KEYS)

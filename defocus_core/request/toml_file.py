@@ -1,4 +1,4 @@
-"""TOML files whose every key must be known."""
+"""Reading of TOML files in which unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _MAX_DOTS = 10**8  # greatest sum of squared numbers of dots of lines
 
 
 def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
-    """The tables and values of a TOML file."""
+    """Parse a TOML file. In errors, `what` names the kind of file."""
     return parsed_toml(read_bytes(file, what, remedy), file, what=what, remedy=remedy)
 
 
 def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str, Any]:
-    """The tables and values of the bytes of a TOML file."""
+    """Parse the bytes of a TOML file. In errors, `what` names the kind of file."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -39,7 +39,7 @@ def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str,
 
 
 def loads(text: str) -> dict[str, Any]:
-    """The tables and values of a text of TOML."""
+    """Parse TOML text; unlike `tomllib.loads`, it refuses texts that would take much memory."""
     # A key of n parts takes n² bytes of memory; lines of ordinary names stay far below.
     if sum(line.count(".") ** 2 for line in text.split("\n")) > _MAX_DOTS:
         raise ValueError("it has a line of too many dots")
@@ -57,15 +57,15 @@ class Table:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def place(self, key: str = "") -> Place:
-        """The place of a key, or of the table itself, for errors."""
+        """The place of a key, or of the table if `key` is empty, for errors."""
         return Place(self.file, f"[{self.name}]", key)
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
-        """Refuse keys other than ``known``, by the function `refuse_unknown`."""
+        """Raise UsageProblem if the table has a key that is not in ``known``."""
         refuse_unknown(self.values, known, self.place(), f"[{self.name}]")
 
     def text(self, key: str) -> str | None:
-        """The text of a key, or None."""
+        """The string value of a key; None if the key is missing."""
         value = self.values.get(key)
         if value is None:
             return None
@@ -75,7 +75,7 @@ class Table:
         return value
 
     def texts(self, key: str) -> list[str]:
-        """The text or texts of a key, as a list; empty without it."""
+        """The value of a key, a string or a list of strings, as a list; empty if it is missing."""
         value = self.values.get(key, [])
         names = value if isinstance(value, list) else [value]
         if not all(isinstance(name, str) and name and "\0" not in name for name in names):
@@ -84,13 +84,13 @@ class Table:
         return names
 
     def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
-        """The parsed quantity of a key, or None."""
+        """The value of a key, parsed by `parse`; None if the key is missing."""
         if key not in self.values:
             return None
         return read_at(self.place(key), parse, text_of(self.values[key]))
 
     def flag(self, key: str) -> bool | None:
-        """The boolean of a key, or None."""
+        """The boolean value of a key; None if the key is missing."""
         value = self.values.get(key)
         if value is None or isinstance(value, bool):
             return value
@@ -101,7 +101,10 @@ class Table:
 def refuse_unknown(
     keys: Iterable[str], known: Sequence[str], where: Place | Path, owner: str, what: str = "key"
 ) -> None:
-    """Refuse unknown keys, or table names, of a file."""
+    """Raise UsageProblem for the first of `keys` that is not in `known`.
+
+    `where` is the place for the error, `owner` what knows the keys, and `what` the word for a key.
+    """
     for key in keys:
         if key not in known:
             known_as = f"{owner} knows {', '.join(known)}"
@@ -111,7 +114,7 @@ def refuse_unknown(
 
 
 def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
-    """The table of that name; empty if there is none."""
+    """The table `name` of a file; an empty one if it is missing."""
     values = tables.get(name, {})
     if not isinstance(values, dict):
         remedy = f"write [{name}] above the keys that belong to it"
@@ -120,7 +123,7 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
 
 
 def _refuse_huge(value: Any) -> None:
-    """Refuse whole numbers of more than TOML's 64 bits, which may exceed a float."""
+    """Raise ValueError for integers beyond 64 bits, which TOML forbids, at any depth of a value."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError("it has a whole number of more than 64 bits")
     for each in value.values() if isinstance(value, dict) else value if type(value) is list else ():
@@ -128,7 +131,7 @@ def _refuse_huge(value: Any) -> None:
 
 
 def read_bytes(file: Path, what: str, remedy: str) -> bytes:
-    """The bytes of a TOML file, at most one more than the limit."""
+    """The bytes of a TOML file, at most `LARGEST_FILE` + 1 of them."""
     try:
         with open_plain(file) as opened:
             return opened.read(LARGEST_FILE + 1)  # bounded, as for /dev/zero
