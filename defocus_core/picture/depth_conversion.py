@@ -1,4 +1,4 @@
-"""Conversion of depth files to EXR: targets, replacement of files, previews."""
+"""Conversion of depth files to EXR, with the choice of output paths and optional previews."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RADII = "give such files to 'defocus render'"
 
 @dataclass(frozen=True)
 class DepthTarget:
-    """A depth file, the EXR to write, and its preview, if wanted."""
+    """A depth file to convert, the EXR to write, and the preview to write, if any."""
 
     file: Path
     out: Path
@@ -33,7 +33,11 @@ class DepthTarget:
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
-    """The target of each file: OUT itself if that ends in .exr, else OUT/<stem>.exr."""
+    """The output path for each depth file: `out` if it ends in .exr, else ``out/<stem>.exr``.
+
+    Raises:
+        UsageProblem: `out` has another suffix of pictures, or two files have the same output.
+    """
     if (suffix := out.suffix.lower()) in PICTURES - {".exr"}:
         problem = f"ends in {suffix}, and depth is written as EXR"
         remedy = "end it in .exr, or name a directory"
@@ -57,7 +61,7 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 
 
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
-    """Refuse to replace files unless ``overwrite``, and inputs always."""
+    """Raise an error if an output exists, unless ``overwrite``, or if it would replace an input."""
     inputs = identities(place.file for place in wanted)
     for path in (path for place in wanted for path in (place.out, place.preview)):
         if path is not None:
@@ -65,7 +69,7 @@ def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
 
 
 def convert(place: DepthTarget, reading: Reading) -> dict[str, Any]:
-    """Read a depth file and write it as EXR; returns the record of it, for JSON."""
+    """Convert a depth file to an EXR in metres; returns size, range and notes for JSON."""
     if reading.row.rule == "radius":
         problem, remedy = "holds radii of a lens, and no depth", _RADII
         raise UsageProblem("radii", problem, remedy, field="depth-format")

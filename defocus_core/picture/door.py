@@ -1,7 +1,7 @@
-"""The main functions of the library: picture, lens, render, views, write.
+"""The main functions of the library: read a picture, define a lens, render, and write views.
 
-Options are those of `defocus render`, with underscores for dashes; values are numbers, or texts
-with a unit, as on the command line. Paths, arrays and tensors are accepted alike.
+Options have the names of those of `defocus render`, with underscores for dashes. Values are
+numbers, or texts with a unit as on the command line. Pictures may be files, arrays or tensors.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ class Picture:
     """Colour with the depth of each pixel, from files or arrays.
 
     Attributes:
-        files: Its files; only names for arrays. device: Device to render on: auto, cpu or cuda.
+        files: The files; for arrays only names.
+        device: Device to render on: auto, cpu or cuda.
     """
 
     def __init__(
@@ -70,22 +71,22 @@ class Picture:
         hidden: tuple[Any, Any] | None = None,
         **reading: Any,
     ) -> None:
-        """Take arrays or tensors in memory.
+        """Make a picture of arrays or tensors in memory.
 
         Args:
-            color: [H, W, C] or [H, W], of 1 to 4 channels: Y, YA, RGB or RGBA. Floats are linear
+            color: [H, W, C] or [H, W], with 1 to 4 channels: Y, YA, RGB or RGBA. Floats are linear
                 light, premultiplied by alpha; integers of 8 or 16 bits are sRGB, as in a PNG.
-            depth: [H, W], or smaller, and enlarged along the edges of the colours. Floats are
-                metres along the axis unless options say otherwise, inf is sky; integers need a
-                unit, like ``depth_unit="mm"``.
-            matte: [H, W], the coverage of the subject in 0 to 1.
+            depth: [H, W]. A smaller map is enlarged, with edges where the colours change. Floats
+                are metres along the optical axis unless options say otherwise, inf is sky; integers
+                need a unit, like ``depth_unit="mm"``.
+            matte: [H, W], the coverage of the subject, 0 to 1.
             hidden: Colour and depth of the surfaces behind the visible ones.
             **reading: Options of reading, like ``depth_kind`` and ``invalid``.
 
         Raises:
-            ValueError: The arrays are not numbers, or of other shapes.
-            InputError: Depth is of another aspect, or of no known unit.
-            UsageProblem: An option is unknown or makes no sense.
+            ValueError: The arrays are not numbers, or their shapes are wrong.
+            InputError: Depth has another aspect ratio than colour, or no known unit.
+            UsageProblem: An option is unknown or invalid.
         """
         behind = None if hidden is None else (_array(hidden[0]), _array(hidden[1]))
         coverage = None if matte is None else _array(matte)
@@ -94,7 +95,10 @@ class Picture:
         self._decode(files, _layer(reading, READING_OPTIONS), arrays)
 
     def _decode(self, files: PictureFiles, reading: Layer, arrays: Arrays | None = None) -> None:
-        """Decode the inputs, as relative depth if its numbers are not distances."""
+        """Set the attributes and decode the inputs, unless depth can only be read with a lens.
+
+        Depth is read as relative if its numbers are not distances.
+        """
         self.files, self.device, self._reading, self._arrays = files, "auto", reading, arrays
         self._inputs: tuple[object, Inputs] | None = None
         self._shown: Inputs | None = None
@@ -110,7 +114,7 @@ class Picture:
                 raise error from None
 
     def _read(self, job: Job) -> Inputs:
-        """The decoded inputs of a job of this picture."""
+        """The inputs decoded with the reading options of a job; the last result is kept."""
         key = job.reading, job.lens_focal
         if self._inputs is None or self._inputs[0] != key:
             arrays = self._arrays
@@ -128,29 +132,32 @@ class Picture:
 
     @property
     def color(self) -> NDArray[np.float32]:
-        """The colours, float32 [H, W, C], linear light, premultiplied by alpha."""
+        """The colours, float32 [H, W, C], in linear light premultiplied by alpha."""
         color = self._decoded.color
         return cast(NDArray[np.float32], shown(color, color.pixels))
 
     @property
     def depth(self) -> NDArray[np.float32]:
-        """The depth, float32 [H, W]: metres along the axis, inf is sky; or relative numbers."""
+        """The depth, float32 [H, W]: metres along the optical axis, inf for sky.
+
+        If `is_relative`, it has the numbers of the depth file instead.
+        """
         inputs = self._decoded
         return cast(NDArray[np.float32], shown(inputs.color, inputs.depth.metres))
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The names of the channels of colour: R, G, B or Y, then A if there is one."""
+        """The names of the colour channels, like ("R", "G", "B", "A") or ("Y",)."""
         return self._decoded.color.channels
 
     @property
     def is_relative(self) -> bool:
-        """Whether the depth is relative, so that a lens needs a ``blur`` in px."""
+        """Whether depth has no unit, so that a lens needs ``blur`` in px instead of optics."""
         return self._decoded.depth.is_relative
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Assumptions made when reading the picture."""
+        """Warnings from reading, such as assumptions about the files."""
         return self._decoded.warnings
 
     @property
@@ -164,14 +171,14 @@ class Picture:
         return self._decoded.color.size
 
     def at(self, x: int, y: int) -> Pixel:
-        """The pixel in column x and row y, from 0 at the upper left."""
+        """The colour and depth of the pixel in column x and row y, from 0 at the upper left."""
         width, height = self.size
         if not (0 <= x < width and 0 <= y < height):
             raise IndexError(f"pixel {x},{y} lies outside a picture of {width}x{height} px")
         return Pixel(self.color[y, x], float(self.depth[y, x]))
 
     def to(self, device: str) -> Picture:
-        """The same picture on another device to render on: auto, cpu or cuda."""
+        """A picture with the same data that is rendered on `device`: auto, cpu or cuda."""
         picture = self.__class__.__new__(self.__class__)
         picture.__dict__.update(self.__dict__, device=str(device))
         return picture
@@ -194,10 +201,7 @@ class Picture:
 
 
 class Lens:
-    """A thin lens: its focal length, f-number and focus, or a blur in px for relative depth.
-
-    `options` has the given options.
-    """
+    """A thin lens with focal length, f-number and focus; or with ``blur`` for relative depth."""
 
     def __init__(
         self,
@@ -206,19 +210,20 @@ class Lens:
         focus: str | float | None = None,
         **options: Any,
     ) -> None:
-        """Take options of the command line.
+        """Make a lens from options, which are named as on the command line.
 
         Args:
-            focal_length: Like ``"50mm"``.
-            fnumber: Like 1.4.
-            focus: A distance like ``"2m"`` or ``"inf"``; a number of metres; or
-                ``"percentile(30)"`` of the depth.
-            **options: Like ``sensor_width="36mm"`` (the default), ``blades=7``,
-                ``focus_at=(640, 360)``, ``cat_eye="1.1:0.6"``; of relative depth
-                ``blur="40px"`` instead of optics. `defocus help look` explains them.
+            focal_length: A length like ``"50mm"``.
+            fnumber: A number like 1.4.
+            focus: A distance like ``"2m"`` or ``"inf"``; a number of metres; or a percentile of the
+                depth, like ``"percentile(30)"``.
+            **options: Further options, like ``sensor_width="36mm"`` (the default), ``blades=7``,
+                ``focus_at=(640, 360)`` or ``cat_eye="1.1:0.6"``. For relative depth,
+                ``blur="40px"`` replaces focal length and f-number. `defocus help look` explains all
+                options.
 
         Raises:
-            UsageProblem: An option is unknown, or its value invalid.
+            UsageProblem: An option is unknown, or its value is invalid.
         """
         self._file: Path | None = None
         self._metadata = bool(options.pop(METADATA.replace("-", "_"), False))
@@ -227,11 +232,11 @@ class Lens:
 
     @classmethod
     def load(cls, file: str | PathLike[str], **options: Any) -> Lens:
-        """The lens of a lens file, or a shipped one like ``@portrait-85``; other options win.
+        """Load a lens file, or a shipped lens like ``@portrait-85``; `options` override its values.
 
         Raises:
             InputError: The file cannot be read.
-            UsageProblem: An option is unknown, or its value invalid.
+            UsageProblem: An option is unknown, or its value is invalid.
         """
         lens = cls(**options)
         lens._file = lens_path(Path(file), CALLER.with_field("lens"))
@@ -239,18 +244,20 @@ class Lens:
 
     @property
     def options(self) -> dict[str, str]:
-        """The options that were given, as texts."""
+        """The options that were given to this lens, as texts, by name."""
         return {name.replace("-", "_"): each.text for name, each in self._layer.items()}
 
     def refocus(self, focus: str | float) -> None:
-        """Focus this lens on another distance, like ``"3m"``, or a number of metres."""
+        """Change the focus of this lens to a distance like ``"3m"``, or to a number of metres."""
         self._layer = laid_over(self._layer, _layer(_focus(focus), LENS_OPTIONS))
 
     def coc(self, picture: Any) -> NDArray[np.float32]:
-        """The signed radius of the circle of confusion, float32 [H, W] px, negative before focus.
+        """The signed radius of the circle of confusion in px, float32 [H, W].
+
+        It is negative nearer than the focus and positive beyond it.
 
         Args:
-            picture: A `Picture`; or depth [H, W] in metres.
+            picture: A `Picture`, or an array of depth [H, W] in metres.
         """
         if not isinstance(picture, Picture):
             depth = _array(picture)
@@ -259,7 +266,7 @@ class Lens:
         return radius
 
     def _values(self, picture: Picture, reading: Reading) -> tuple[LensValues, Reading]:
-        """The lens for a picture, and the reading of its depth."""
+        """The values of this lens for a picture, and the options with which to read its depth."""
         lenses = PictureLenses(
             own=self._layer, file=self._file, reading=reading, metadata=self._metadata
         )
@@ -277,12 +284,12 @@ class Lens:
 
 
 class Views:
-    """The views of a picture through a lens; images and maps are made on access.
+    """The rendered views of a picture. Images and maps are converted on access.
 
     Attributes:
-        device: None for arrays of NumPy: images float32 [H, W, C], maps [H, W]. Else the device
-            of tensors: images [C, H, W], maps [H, W].
-        warnings: Assumptions; after `write` also losses in the files.
+        device: Device of the tensors that are returned: images [C, H, W], maps [H, W]. None for
+            NumPy arrays: images float32 [H, W, C], maps float32 [H, W].
+        warnings: Warnings from reading and rendering; after `write` also from writing.
     """
 
     def __init__(self, take: Take, device: str | None = None) -> None:
@@ -290,32 +297,32 @@ class Views:
 
     @property
     def render(self) -> Any:
-        """The defocused picture, linear light."""
+        """The defocused picture in linear light."""
         return self._image("render")
 
     @property
     def left(self) -> Any:
-        """The view of the left half of the lens; None without ``left_right``."""
+        """The view through the left half of the lens; None unless rendered with ``left_right``."""
         return self._image("left")
 
     @property
     def right(self) -> Any:
-        """The view of the right half of the lens; None without ``left_right``."""
+        """The view through the right half of the lens; None unless rendered with ``left_right``."""
         return self._image("right")
 
     @property
     def coc(self) -> Any:
-        """The signed radius of the circle of confusion in px, negative before focus."""
+        """The signed radius of the circle of confusion in px, negative nearer than the focus."""
         return self._map(self._take.shown)
 
     @property
     def disparity(self) -> Any:
-        """The signed distance in px between left and right."""
+        """The horizontal disparity between left and right in px, with the sign of `coc`."""
         return self._map(disparity_map(self._take))
 
     @property
     def trust(self) -> Any:
-        """The share of the lens that saw content of the picture: 1 where nothing was invented."""
+        """The share of the lens that saw content of the picture, 0 to 1; 1 if none is invented."""
         return self._map(self._take.images["trust"][0])
 
     def write(
@@ -326,20 +333,20 @@ class Views:
         overwrite: bool = False,
         **options: Any,
     ) -> dict[str, Path]:
-        """Write ``OUT/<kind>/<stem>.<ext>``, with headers and maps as `defocus render` does.
+        """Write ``OUT/<kind>/<stem>.<ext>`` for each kind, as `defocus render` does.
 
         Args:
-            out: A directory; or one file, of one kind.
-            kinds: Like ``"render,trust"``; None for the images and the CoC map.
+            out: A directory; or a file, if only one kind is written.
+            kinds: Kinds of output, like ``"render,trust"``; None for all images and the CoC map.
             overwrite: Whether to replace existing files.
             **options: Options of outputs, like ``format="png16"`` and ``exr_type="float"``.
 
         Returns:
-            The file of each kind.
+            The path of the file of each kind.
 
         Raises:
             InputError: A file exists already, or cannot be written.
-            UsageProblem: An option is unknown, or its value invalid.
+            UsageProblem: An option is unknown, or its value is invalid.
         """
         from defocus_core.io.write_files import identities, require_replaceable
 
@@ -365,7 +372,7 @@ class Views:
         return take.job.paths
 
     def _arrays(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
-        """The arrays of each of some kinds."""
+        """The rendered arrays of each kind that is to be written."""
         images = self._take.images
         return {
             kind.name: tuple(plane for view in kind.rendered for plane in images[view])
@@ -387,7 +394,7 @@ class Views:
         return self._held([plane], axis=0)[0]
 
     def _held(self, planes: Sequence[Any], axis: int) -> Any:
-        """Planes cut to the display window as an array or a tensor, float32."""
+        """Stack planes along `axis`, as an array or tensor of float32, without overscan."""
         cut = [shown(self._take.inputs.color, plane) for plane in planes]
         pixels = np.stack(cut, axis, dtype=np.float32)
         if self.device is None:
@@ -421,17 +428,18 @@ def read(
     matte: str | PathLike[str] | None = None,
     **reading: Any,
 ) -> Picture:
-    """Read a picture: its colour and its depth.
+    """Read a picture from files.
 
     Args:
-        color: EXR, HDR, PNG, JPEG, TIFF, WEBP or HEIC.
-        depth: Its depth, of any format; None if the colour file holds both.
-        hidden: Colour and depth of the surfaces behind the visible ones.
-        over: The plate below an element.
-        over_depth: The depth of the plate; None if its file has it, or for infinitely far.
-        holdout: A deep EXR that cuts its shape out of the picture.
-        matte: The coverage of the subject.
-        **reading: Options of reading, like ``depth_format="kitti"``, ``view="left"``.
+        color: The colour file: EXR, HDR, PNG, JPEG, TIFF, WEBP or HEIC.
+        depth: The depth file, of any supported format; None if the colour file holds both.
+        hidden: Colour and depth files of the surfaces behind the visible ones.
+        over: The colour file of a plate, which lies behind this picture with alpha.
+        over_depth: The depth file of the plate; None if its colour file holds it, or if the plate
+            is infinitely far away.
+        holdout: A deep EXR with objects that hide what is behind them and are not shown.
+        matte: A file with the coverage of the subject, 0 to 1.
+        **reading: Options of reading, like ``depth_format="kitti"`` or ``view="left"``.
 
     Raises:
         InputError: A file cannot be read.
@@ -463,20 +471,22 @@ def render(
     """Defocus a picture with a lens.
 
     Args:
-        picture: A `Picture`; or an image tensor [C, H, W] or [B, C, H, W], linear light.
-        lens: A `Lens`; None for a suitable blur and focus of relative depth. With a tensor, the
-            signed radii in px, [H, W] or [B, 1, H, W].
-        left_right: Whether to render left and right.
-        progress: Called with (tiles done, tiles in all).
-        **options: quality, threads, tile, memory and device, as on the command line. With a
-            tensor, those of `defocus_core.renderer.render.render`.
+        picture: A `Picture`; or an image tensor [C, H, W] or [B, C, H, W] in linear light.
+        lens: A `Lens`; None to choose blur and focus, for relative depth. With an image tensor, the
+            signed radii of its pixels in px, [H, W] or [B, 1, H, W].
+        left_right: Whether to render the views through the left and the right half of the lens,
+            too.
+        progress: Function that is called with the number of finished tiles and of all tiles.
+        **options: quality, threads, tile, memory and device, as on the command line. With an image
+            tensor, the options of `defocus_core.renderer.render.render`.
 
     Returns:
-        `Views` of a picture; with tensors, views that are tensors in the shape of the image.
+        `Views` of the picture. For an image tensor, views whose attributes are tensors of its
+        shape.
 
     Raises:
         DefocusError: The picture does not fit the lens or the memory.
-        ValueError: Tensors or their options are invalid.
+        ValueError: A tensor or its options are invalid.
     """
     if not isinstance(picture, Picture):
         from defocus_core.renderer.render import render as render_tensors
@@ -497,7 +507,7 @@ def render(
 
 
 def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Machine) -> Take:
-    """A picture with its lens and its radii."""
+    """Compute the blur radii of a picture through a lens, ready to render `kinds` of output."""
     reading = reading_of(read_lens_file(lens._file, READING_OPTIONS), picture._reading)
     outputs = Outputs(Path(), kinds=kinds, exr_type="float")
     job = Job(picture.files, *lens._values(picture, reading), outputs, machine)
@@ -505,14 +515,14 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
 
 
 def _focus(focus: str | float | None) -> dict[str, str | None]:
-    """The option of a focus as a text; a number is in metres."""
+    """The option focus as text; numbers are in metres."""
     if focus is None or isinstance(focus, str):
         return {"focus": focus}
     return {"focus": "inf" if focus == math.inf else f"{focus:.9g}m"}
 
 
 def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], *more: str) -> Layer:
-    """The options of keywords; `more`: other keywords that errors propose."""
+    """Parse keyword arguments as options; `more` has other keywords to propose in errors."""
     given = {name.replace("_", "-"): value for name, value in values.items()}
     for name in given:
         if name not in rows or rows[name].only == "files":
@@ -524,7 +534,7 @@ def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], *more: str) -> 
 
 
 def _array(values: Any) -> NDArray[Any]:
-    """An array or a tensor as an array in memory."""
+    """Copy an array or a tensor of numbers to a NumPy array."""
     values = values.detach().cpu().numpy() if hasattr(values, "detach") else np.asarray(values)
     if values.dtype.kind not in "uif":
         raise ValueError(f"pictures are arrays of numbers, got {values.dtype}")
@@ -532,7 +542,7 @@ def _array(values: Any) -> NDArray[Any]:
 
 
 def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes:
-    """A small PNG of linear light [H, W, C]."""
+    """A reduced picture as PNG; `pixels` [H, W, C] is linear light."""
     step = max(1, -(-max(pixels.shape[:2]) // _SHOWN))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "shown.png"
@@ -541,6 +551,6 @@ def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes
 
 
 def _warn(words: Sequence[str]) -> None:
-    """Warn of assumptions, at the line that calls the function of the library."""
+    """Issue warnings that point at the line which called the library."""
     for each in words:
         warnings.warn(each, stacklevel=3)

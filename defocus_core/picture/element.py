@@ -1,8 +1,8 @@
-"""Elements: pictures of some objects alone, with alpha.
+"""Elements: pictures of some objects with alpha, which is 0 where there is nothing.
 
-Where alpha is 0 there is nothing, and depth may be anything: 0, NaN or inf. At an edge, where alpha
-is below 1, depth may be that of the background, if the middle of the pixel missed the object, or an
-average with it; it is replaced by the depth of the solid pixels beside it.
+Where alpha is 0, depth may be any number. At edges, where alpha is between 0 and 1, depth may be
+that of the background, if the object misses the middle of the pixel, or an average of object and
+background. There, depth is replaced by that of adjacent pixels that the object covers fully.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0
 
 
 def element_depth(depth: Depth, color: Color) -> Depth:
-    """The depth of an element, repaired at edges, empty where neither alpha nor light is."""
+    """The depth of an element, repaired at edges, and marked as empty where alpha is 0.
+
+    Pixels with alpha 0 that have light and a valid depth are not empty.
+    """
     alpha = color.alpha
     if alpha is None or not (alpha < 1).any():
         return depth
@@ -61,7 +64,7 @@ def element_depth(depth: Depth, color: Color) -> Depth:
 
 
 class _Edges(NamedTuple):
-    """The meaning of depth at edges, found from neighbours of different alpha."""
+    """What depth means at edges of an element, as found from adjacent pixels of different alpha."""
 
     # of averages a zᵖ + (1 − a) farᵖ: p, farᵖ, and the error of numbers; p is 0 without averages
     power: int = 0
@@ -72,7 +75,10 @@ class _Edges(NamedTuple):
     def solved(
         self, metres: NDArray[np.float32], fraction: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """The object's depth, solved from averages; NaN where they hold too little of it."""
+        """The depth of the object, computed from averages with the background.
+
+        `fraction` is alpha. The result is NaN where alpha is too small to solve for the object.
+        """
         with np.errstate(all="ignore"):
             share = fraction.astype(np.float64)
             own = (metres.astype(np.float64) ** self.power - (1 - share) * self.far) / share
@@ -81,7 +87,7 @@ class _Edges(NamedTuple):
 
 
 def _evidence(depth: Depth, alpha: Any) -> _Edges:
-    """The relation of depth and alpha at edges: averages, linear in alpha, or two steps."""
+    """Find what depth means at edges: averages, a step at an alpha of 0.5, or neither."""
     pairs: list[NDArray[Any]] = []
     for rows in bands(alpha.shape):
         both = np.stack([np.asarray(each[rows], np.float32) for each in (alpha, depth.metres)])
@@ -110,7 +116,11 @@ def _evidence(depth: Depth, alpha: Any) -> _Edges:
 
 
 def _fill_edges(depth: Depth, alpha: Any) -> tuple[int, int]:
-    """Give pixels of an edge the depth of the object; returns how many got one and needed one."""
+    """Replace depth at edges of an element by that of the object, in place.
+
+    Returns:
+        The number of edge pixels changed, and of those whose depth is still an average.
+    """
     metres, fraction, lost = depth.metres, np.asarray(alpha, np.float32), 0
     solid = min(1.0, float(np.max(alpha)))
     edges = _Edges() if depth.is_radius else _evidence(depth, alpha)
@@ -141,7 +151,10 @@ def _is_mixed(
     known: NDArray[np.bool_],
     solid: float,  # alpha of a pixel that shows only the object
 ) -> NDArray[np.bool_]:
-    """Pixels of edges that are farther than all solid pixels beside, as averages are."""
+    """Edge pixels that are farther than all fully covered pixels nearby, as averages are.
+
+    `fraction` is alpha; `known` tells which pixels have a depth.
+    """
     farthest = np.where(known & (fraction >= solid), metres, np.float32(0))
     height, width = metres.shape
     for _ in range(_EDGE):
@@ -153,7 +166,6 @@ def _is_mixed(
 
 
 def _has_depth(depth: Depth, metres: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Where there is a depth other than sky."""
     finite: NDArray[np.bool_] = np.isfinite(metres)
     return finite if depth.is_radius else finite & (metres > 0)
 
@@ -165,7 +177,10 @@ def _from_beside(
     depth: Depth,
     reach: int,
 ) -> NDArray[np.float32]:
-    """Depth with missing pixels filled from the most opaque pixel around, ``reach`` times."""
+    """Fill missing pixels with the depth of the adjacent pixel of greatest alpha.
+
+    This is done `reach` times, so that gaps of up to `reach` px are filled. `fraction` is alpha.
+    """
     filled, opacity = np.pad(metres, 1, mode="edge"), np.pad(fraction, 1)
     known = _has_depth(depth, metres) & (fraction > 0) & ~missing
     weights, (ys, xs) = np.pad(np.where(known, fraction, 0), 1), np.nonzero(missing)
@@ -186,5 +201,5 @@ def _from_beside(
 
 
 def empty_where_clear(given: InputPair) -> InputPair:
-    """The pair of an element, with the empty pixels of its depth."""
+    """The input pair with the depth of an element repaired; see `element_depth`."""
     return given.with_depth(element_depth(given.depth, given.color))

@@ -1,4 +1,4 @@
-"""The focus of a lens, found from its picture."""
+"""Find the focus of a lens in the depth of its picture."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from defocus_core.request.resolver import refuse_near_focus
 
 
 def with_focus(lens: LensValues, depth: Depth) -> LensValues:
-    """The lens with the focus distance found from its picture."""
+    """The lens with its focus distance in mm set from the depth at ``focus_at`` or at a percentile.
+
+    With a blur in px, the depth number in focus is set instead.
+    """
     lens = in_pixels(lens, depth)
     if lens.blur is not None:
         if lens.focus_at is None:
@@ -36,14 +39,18 @@ def with_focus(lens: LensValues, depth: Depth) -> LensValues:
 
 
 def in_pixels(lens: LensValues, depth: Depth) -> LensValues:
-    """The lens with its blur converted to px from a share of the longer side."""
+    """The lens with its blur in px; a share like ``2%`` is of the longer side of the picture."""
     if not isinstance(lens.blur, SideShare):
         return lens
     return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
 
 
 def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
-    """The lens with the reach at which the most blurred pixel gets a blur given in pixels."""
+    """The lens with ``blur_reach``, the greatest distance of depth numbers from those in focus.
+
+    At this distance, the blur has the radius ``blur``. `depths` are all depths of the scene. A lens
+    without a blur in px is unchanged.
+    """
     if lens.blur is None or lens.focus_value is None:
         return lens
     low, high = sharp_numbers(lens)
@@ -57,7 +64,11 @@ def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
 
 
 def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
-    """Row and column of a pixel, which must lie in the picture and not be empty."""
+    """The index (rows, columns) of a pixel in arrays with overscan, as slices of length 1.
+
+    Raises:
+        UsageProblem: The pixel lies outside the picture, or is empty.
+    """
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.with_field("focus-at")
     if not (0 <= x < width and 0 <= y < height):
@@ -73,7 +84,10 @@ def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[s
 
 
 def _at_percentile(lens: LensValues, depth: Depth) -> float:
-    """The percentile of the depth in mm, that of a pixel, without sky and empty pixels."""
+    """The depth in mm at the percentile ``focus_percentile``; sky and empty pixels do not count.
+
+    It is the depth of a pixel, not interpolated.
+    """
     from defocus_core.optics.distributions import percentile_rank
 
     assert lens.focus_percentile is not None
@@ -93,7 +107,7 @@ def _at_percentile(lens: LensValues, depth: Depth) -> float:
 
 
 def find_focus(take: Take) -> Take:
-    """The take with the focus of its lens."""
+    """Step: set the focus of the lens from the depth of the picture."""
     inputs, found = take.inputs, take.lens
     if found is take.job.lens:
         found = with_focus(found, inputs.depth)

@@ -1,4 +1,4 @@
-"""Forecast of a job: picture, lens, repair of depth, and an upper bound of its memory."""
+"""Forecasts of jobs: size, blur radii, repair of depth, and an upper bound of the memory."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _OPENED_PIXELS = 1 << 24  # MB of pictures, beyond which no other is opened
 
 
 class Forecast(NamedTuple):
-    """The size, lens, notes and memory of a job, before it is rendered."""
+    """A job prepared for rendering, with an upper bound of the memory that rendering takes."""
 
     take: Take
     peak_mb: float  # upper bound of the memory of the process, or of the GPU
 
     @property
     def record(self) -> dict[str, Any]:
-        """The forecast in plain values."""
+        """The forecast as a dictionary for JSON."""
         return {
             "size": list(self.take.size),
             "coc_px": list(self.take.limits),
@@ -45,7 +45,10 @@ class Forecast(NamedTuple):
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
-    """Forecasts of jobs, of a few among many, by their numbers; and errors of unusable jobs."""
+    """Forecasts of jobs by index; and the errors of jobs that cannot be rendered.
+
+    Of many jobs, at most `MAX_READ` are examined, at even distances from first to last.
+    """
     plain_path.load()
     count, pixels = min(len(jobs), MAX_READ), 0
     found, unusable = dict[int, Forecast](), list[DefocusError]()
@@ -61,7 +64,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
 
 
 def forecast(job: Job) -> Forecast:
-    """The forecast of a job; reads the inputs and repairs the depth."""
+    """The forecast of a job; this reads its inputs and repairs the depth."""
     inputs = plain_path.read(job)
     take, arrays = plain_path.prepare(job, inputs), inputs.arrays_mb
     bounds = [0.0]

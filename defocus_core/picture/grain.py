@@ -1,7 +1,8 @@
-"""The noise of a photograph, added to what a blur has smoothed.
+"""Noise of a photograph, added again where blur has removed it.
 
-It is measured where the photograph is sharp and flat, by brightness: its variance is that of a
-sensor, a + b L at the light L. A blur of radius r leaves about 1 / (pi r²) of it.
+The variance of the noise is a + b L at light L, as of a sensor. It is measured where the photograph
+is in focus and smooth. Blur of radius r px averages about pi r² pixels, so that 1 / (pi r²) of the
+variance remains.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _BINS, _FLAT, _GREATER = 12, 0.25, 1.32
 
 
 def grain_of(take: Take) -> list[tuple[float, float]]:
-    """The variance a + b L of the noise in each channel of colour, as (a, b)."""
+    """Coefficients (a, b) of the variance a + b L of noise at light L, for each colour channel."""
     color = take.inputs.color
     sharp = _squares(np.abs(take.shown)).max(1) <= _SHARP
     found = [_variance(np.asarray(plane, np.float32), sharp) for plane in color.light]
@@ -40,9 +41,14 @@ def grain_of(take: Take) -> list[tuple[float, float]]:
 def grained(
     plane: Any, noise: tuple[float, float], radius: Any, seed: int, *, is_half: bool
 ) -> NDArray[Any]:
-    """A plane [H, W] with the noise that a blur of radii [H, W] px has removed.
+    """Add noise to a blurred plane [H, W], so that it is as noisy as the sharp photograph.
 
-    `noise`: its variance, as of `grain_of`; `is_half`: whether it is seen by half of the lens.
+    Args:
+        plane: The blurred channel in linear light.
+        noise: Coefficients (a, b) of the variance a + b L at light L.
+        radius: Blur radii in px, [H, W].
+        seed: Seed of the noise.
+        is_half: Whether the plane is a view through half of the lens, which averages half as much.
     """
     light = np.asarray(plane, np.float32)
     averaged = np.maximum(math.pi * np.square(radius) / (2 if is_half else 1), 1)
@@ -53,10 +59,11 @@ def grained(
 
 
 def _variance(light: NDArray[np.float32], sharp: NDArray[np.bool_]) -> tuple[float, float] | None:
-    """A and b of the variance of noise in light [H, W]; None if it cannot be measured.
+    """Coefficients (a, b) of the variance of noise, a + b L, in light [H, W].
 
-    Differences of second order leave noise alone where light is flat or a slope (Immerkaer, "Fast
-    noise variance estimation", 1996).
+    They are fitted to squares that are `sharp` and smooth; None if there are too few. Second
+    differences respond to noise, but not to constant or linear light (Immerkaer, "Fast noise
+    variance estimation", 1996).
     """
     across = light[:, :-2] - 2 * light[:, 1:-1] + light[:, 2:]
     rough = np.zeros_like(light)
@@ -82,7 +89,7 @@ def _variance(light: NDArray[np.float32], sharp: NDArray[np.bool_]) -> tuple[flo
 
 
 def _squares(plane: NDArray[Any]) -> NDArray[Any]:
-    """The squares [n, pixels] of a plane [H, W], without what is left at its right and below."""
+    """Cut a plane [H, W] into squares of 8 by 8 px, [n, 64]; incomplete squares are left out."""
     rows, columns = (n // _SIDE for n in plane.shape)
     cut = plane[: rows * _SIDE, : columns * _SIDE].reshape(rows, _SIDE, columns, _SIDE)
     return cut.swapaxes(1, 2).reshape(rows * columns, _SIDE * _SIDE)

@@ -1,4 +1,4 @@
-"""Layers of a scene: light, coverage and depth of known surfaces behind each other."""
+"""The layers of a scene: light, coverage and depth of surfaces that lie behind each other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from defocus_core.system.text import counted
 
 @dataclass(frozen=True)
 class Layers:
-    """The layers of a deep picture, nearest first."""
+    """The layers of a deep picture, or of an element over a plate, nearest first."""
 
     # for each layer arrays [H, W] of premultiplied light: colours, then passes
     light: tuple[tuple[Any, ...], ...]
@@ -34,18 +34,18 @@ class Layers:
 
     @property
     def words(self) -> str:
-        """The numbers of layers and of merged samples, in words."""
+        """The number of layers, and of pixels where samples were merged, as text."""
         merged = f", more in {counted(self.merged, 'pixel')} merged" if self.merged else ""
         return f"deep, {counted(len(self.alpha), 'sample')} a pixel at most{merged}"
 
     @property
     def is_flat(self) -> bool:
-        """Whether each pixel has one opaque sample, as in a flat picture."""
+        """Whether each pixel has exactly one sample, with alpha 1."""
         count = sum((alpha > 0).astype(np.uint8) for alpha in self.alpha)
         return bool(np.all(count == 1) and np.all(reduce(np.maximum, self.alpha) >= 1))
 
     def stacked_over(self, plate: Layers) -> Layers:
-        """These layers in front of those of a plate."""
+        """These layers followed by those of a plate, without sorting by depth."""
         return replace(
             self,
             light=(*self.light, *plate.light),
@@ -56,7 +56,7 @@ class Layers:
         )
 
     def cut(self) -> Layers:
-        """These layers with the samples of two pictures sorted by depth."""
+        """Layers sorted by depth in each pixel; needed after `stacked_over` joined two pictures."""
         if not self.front:
             return self
         names = (*(str(k) for k in range(len(self.light[0]))), ALPHA)
@@ -83,7 +83,10 @@ class Layers:
         )
 
     def _samples(self, names: tuple[str, ...]) -> DeepSamples:
-        """The samples of all layers, by number of the light, alpha and depth."""
+        """The samples of all layers with alpha above 0.
+
+        `names` are those of the light planes, then alpha.
+        """
         height, width = self.alpha[0].shape
         columns = []
         every = zip(self.light, self.alpha, self.depths, strict=True)
@@ -96,7 +99,11 @@ class Layers:
         return DeepSamples(window, pixel, rank, dict(zip((*names, DEPTH), values, strict=True)))
 
     def hold_out(self, holdout: Layers, black: Any) -> Layers:
-        """These layers with those of a holdout, which hide others and have no light."""
+        """These layers joined with those of a holdout, which hide what is behind and have no light.
+
+        `black` is a plane [H, W] of zeros. The alpha of the picture becomes the last plane of
+        light.
+        """
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
         whole = replace(self, light=shown).stacked_over(replace(holdout, light=hiding))
@@ -104,14 +111,14 @@ class Layers:
 
 
 def flat_layer(color: Color, depth: Depth) -> Layers:
-    """A flat picture as one layer."""
+    """A picture with one sample per pixel, as a single layer."""
     light = (*color.light, *color.planes[len(color.channels) :])
     alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, empty=None)
     return Layers((light,), (alpha,), (depth,), len(color.light))
 
 
 def coverage(shape: tuple[int, int], alpha: Any) -> Any:
-    """The coverage of each pixel by a picture: its alpha clipped to 0 … 1, or 1 without one."""
+    """The coverage of each pixel: alpha clipped to 0 to 1; or 1 everywhere if alpha is None."""
     if alpha is None:
         return np.broadcast_to(np.float32(1), shape)
     return np.clip(np.asarray(alpha, np.float32), 0, 1)

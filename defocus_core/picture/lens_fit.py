@@ -1,4 +1,4 @@
-"""The lens of a real pair: files in, a lens file and a record out."""
+"""Find the lens of a sharp picture and a real photograph of it that is out of focus."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MIN_BLUR = 1.5  # px of radius, below which strength and focus are uncertain
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Known numbers of the lens, and unknowns to find besides."""
+    """Known parameters of the lens, and what to estimate besides focus and f-number."""
 
     foclen: float  # focal length in mm
     sensor_width: float  # in mm
@@ -52,7 +52,15 @@ def fit_files(
     options: FitOptions,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """The record of the lens between a picture and its blurred one, or (left, right)."""
+    """Find focus and f-number of the lens that blurred a picture; returns a record for JSON.
+
+    Args:
+        picture: The sharp picture and its depth.
+        blurred: The blurred picture; or its left and its right dual-pixel view.
+        reading: Options for reading the depth.
+        options: Known parameters, and what else to find.
+        progress: Function that is called with the number of steps done and of all steps.
+    """
     import torch
 
     from defocus_core.fitting.pair import fit
@@ -102,7 +110,7 @@ def fit_files(
 
 
 def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
-    """The result of a fit in plain values; `width`: of the picture in px."""
+    """The result of a fit as a dictionary for JSON; `width` is that of the picture in px."""
     from defocus_core.optics.thin_lens import fnum_of_strength
 
     pitch = options.sensor_width / width
@@ -143,7 +151,10 @@ def _photodiodes(options: FitOptions) -> DualPixel:
 
 
 def light_of(color: Color, like: Color | None = None) -> torch.Tensor:
-    """Linear light [C, H, W] without alpha; finite, and of the size of another picture, if any."""
+    """The linear light of a picture without alpha, [C, H, W].
+
+    With `like`, pixels must be finite, and the picture must have the same size as `like`.
+    """
     import torch
 
     if like is not None:
@@ -161,7 +172,7 @@ def _finite(value: float) -> float | None:
 
 
 def write_lens(path: Path, found: dict[str, Any]) -> None:
-    """Write the found lens as a lens file."""
+    """Write the lens in a record of `fit_files` as a lens file."""
     focus = found["focus_m"]
     lines = [
         "# Found by 'defocus fit'.",
@@ -179,7 +190,7 @@ def write_lens(path: Path, found: dict[str, Any]) -> None:
 
 
 def words(found: dict[str, Any]) -> list[str]:
-    """The found numbers, a line each."""
+    """The record of `fit_files` as lines of text."""
     distance = "infinity" if found["focus_m"] is None else f"{found['focus_m']:.4g} m"
     focus_error, error = found["focus_error_dioptres"], found["fnumber_error"]
     of_focus = "unknown" if focus_error is None else f"{focus_error:.2g} 1/m"

@@ -1,13 +1,13 @@
-"""The memory of a process: whether a picture fits into it, alone and beside others. In MB.
+"""Memory of a process in MB: whether a picture fits, alone and while others are read or written.
 
-  limit     memory that the process may take in all
+  limit     memory that the process may take in total
   base      memory of the program itself, before any picture
-  capacity  limit less base
-  arrays    inputs and outputs of a picture, decoded
-  bound     what rendering takes beside them at most, by its plan
+  capacity  limit minus base
+  arrays    decoded inputs and outputs of a picture
+  bound     upper bound of the memory that rendering takes in addition to the arrays
 
-A picture is rendered if its arrays and its bound fit into the capacity; others are read or written
-beside it as far as they fit.
+A picture is rendered if its arrays and its bound fit into the capacity. Other pictures are read or
+written at the same time as long as they fit, too.
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ _TILES = (512, 256, 128)  # sides of tiles in px that errors propose
 
 
 def arrays_mb(job: Job) -> float:
-    """Size of the arrays of the picture of a job, from the headers of its files."""
+    """Memory in MB of the input and output arrays of a job, estimated from file headers."""
     return _sizes(job)[0]
 
 
 def enough_mb(arrays: float, needed: float) -> float:
-    """The least memory limit in MB that has room for arrays and other needs, in MB."""
+    """The least memory limit in MB that is sufficient for arrays and further needs, both in MB."""
     return base_mb() + arrays + needed + _SPARE_MB
 
 
 def require_room(job: Job) -> None:
-    """Refuse a picture whose arrays do not fit, before its files are decoded."""
+    """Raise TooLarge if the arrays of a job do not fit; its files are not decoded for this."""
     arrays, whole = _sizes(job)
     if arrays + whole <= (left := capacity_mb(job.machine)):
         return
@@ -66,12 +66,12 @@ def require_room(job: Job) -> None:
 
 
 def capacity_mb(machine: Machine) -> float:
-    """Memory that the process may take beyond its base."""
+    """Memory in MB that the process may take for pictures."""
     return max(limit_mb(machine) - base_mb(), 0.0)
 
 
 def limit_mb(machine: Machine) -> float:
-    """Memory that the process may take in all."""
+    """Memory in MB that the process may take in total."""
     return _usual_limit_mb() if machine.memory is None else machine.memory / memory.MB
 
 
@@ -82,19 +82,19 @@ def _usual_limit_mb() -> float:
 
 
 def base_mb() -> float:
-    """Memory of the program with its libraries, without pictures."""
+    """Memory in MB of the program with its libraries, without pictures."""
     mb, with_torch = _first_mb()
     return mb + (_OF_TORCH_MB if is_torch_loaded() and not with_torch else 0.0)
 
 
 @cache
 def _first_mb() -> tuple[float, bool]:
-    """The base at the first call, before any picture, and whether torch was loaded then."""
+    """Memory in MB at the first call, before any picture, and whether torch was loaded then."""
     return memory.held_mb() + _OF_CALLS_MB, is_torch_loaded()
 
 
 def _sizes(job: Job) -> tuple[float, float]:
-    """MB of the arrays of a job, and of the samples of files that are decoded at once."""
+    """MB of the arrays of a job; and MB that decoding takes where a file is decoded as a whole."""
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if image_type(job) == "float16" else _FLOAT
     if outputs.need_rendering:
@@ -106,7 +106,12 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 
 def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
-    """Number of pixels; bytes per pixel of arrays, and of files decoded at once; channels."""
+    """Estimate the memory of an input picture; `passes` are patterns of further blurred channels.
+
+    Returns:
+        The number of pixels; bytes per pixel of the decoded arrays; bytes per pixel that decoding
+        takes besides, in formats that are decoded as a whole; and the number of rendered channels.
+    """
     pixels, count, arrays, whole = 0, 0, 0.0, 0.0
     for path in dict.fromkeys((picture.depth, picture.color)):
         try:
@@ -139,14 +144,20 @@ def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, flo
 
 
 def image_type(job: Job) -> str:
-    """The number type of images in memory until they are written."""
+    """The NumPy type of rendered images in memory: float16 if written as half EXR, else float32."""
     outputs = job.outputs
     is_half = (outputs.format, outputs.exr_type, outputs.preview) == ("exr", "half", False)
     return "float16" if is_half else "float32"
 
 
 def bound_of(job: Job, renderer: Renderer, arrays: float, device: str) -> float:
-    """The bound of the memory of a rendering in MB, which is refused if it does not fit."""
+    """An upper bound in MB of the memory that rendering takes.
+
+    `arrays` is the memory of inputs and outputs in MB.
+
+    Raises:
+        TooLarge: The bound exceeds the available memory; the remedy names options that fit.
+    """
     from defocus_core.renderer.engine.memory_bound import memory_bound
 
     threads, room = job.machine.threads, memory.available_mb(device)
@@ -175,7 +186,7 @@ def bound_of(job: Job, renderer: Renderer, arrays: float, device: str) -> float:
 
 
 def _remedy(job: Job, enough: float, fits: str, device: str) -> str:
-    """The remedy for lack of memory: options that fit, and enough memory if available."""
+    """The remedy for lack of memory: options that fit, or a memory limit of `enough` MB."""
     machine = memory.available_mb(device)
     ways = [fits] if fits else []
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
@@ -184,16 +195,16 @@ def _remedy(job: Job, enough: float, fits: str, device: str) -> str:
 
 
 def _size(mb: float) -> str:
-    """A size for the command line, rounded up."""
+    """A size in MB as a value of ‹memory›, rounded up."""
     tens = math.ceil(mb * memory.MB / 10**7)
     return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"
 
 
 class Gate:
-    """Admits pictures to the pipeline as long as they fit beside the rendered one.
+    """Lets pictures of a pipeline be read only if they fit into memory beside the others.
 
-    One picture is always admitted; others once the memory of a rendering is known, by the highest
-    ratio so far of that memory to the arrays of its picture.
+    The first picture may always be read. Others may be read once a picture was rendered, so that
+    the memory of rendering can be estimated, in proportion to the arrays of a picture.
     """
 
     def __init__(self) -> None:
@@ -203,7 +214,7 @@ class Gate:
         self._changed = threading.Condition()
 
     def enter(self, number: int, job: Job) -> None:
-        """Wait for room for the picture of a job."""
+        """Wait until the picture of a job may be read; `number` identifies it."""
         need, capacity = sum(_sizes(job)), capacity_mb(job.machine)
 
         def fits() -> bool:
@@ -215,20 +226,20 @@ class Gate:
             self._held[number] = need
 
     def rendered(self, number: int, bound: float) -> None:
-        """Record the memory bound of a rendered picture."""
+        """Note that a picture was rendered, with an upper bound in MB of what it took."""
         with self._changed:
             work = bound / (self._held[number] or 1.0)
             self._work = work if math.isinf(self._work) else max(self._work, work)
             self._changed.notify_all()
 
     def open(self) -> None:
-        """Admit every waiting picture."""
+        """Let all pictures be read from now on."""
         with self._changed:
             self._opened = True
             self._changed.notify_all()
 
     def leave(self, number: int) -> None:
-        """Forget a picture whose arrays are freed."""
+        """Note that the arrays of a picture were freed."""
         with self._changed:
             self._held.pop(number, None)
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""The opening of a lens: its pupil, from numbers or a picture."""
+"""The aperture of a lens as the optics functions need it: shape, cat's eye, dual pixels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SHOWN = 256  # px on a side of a square of the drawing
 
 
 def aperture_of(lens: LensValues) -> Aperture:
-    """The pupil of a lens."""
+    """The shape of the aperture of a lens."""
     from defocus_core.optics.aperture import Aperture
 
     image = None if lens.aperture_image is None else pupil_image(lens.aperture_image)
@@ -49,7 +49,11 @@ def aperture_of(lens: LensValues) -> Aperture:
 
 
 def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.0) -> CatEye | None:
-    """The barrel that clips the opening, for pictures of (width, height) px, or None."""
+    """The lens barrel that clips the aperture off-axis; None if the lens has none.
+
+    `size` is (width, height) of the picture in px; `pixel_aspect` the width of a pixel over its
+    height.
+    """
     from defocus_core.optics.cat_eye import CatEye
 
     if lens.cat_eye is None:
@@ -73,11 +77,13 @@ def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.
 
 
 def aperture_in_pixels(lens: LensValues, pixel_aspect: float) -> tuple[Aperture, float]:
-    """The pupil of a lens, for pixels that need not be square.
+    """The aperture of a lens as it appears in pixels that need not be square.
 
-    A radius of the CoC is in px of the width; if pixels are wider than high, it is more px high.
+    `pixel_aspect` is the width of a pixel over its height. Radii of the CoC are in widths of a
+    pixel, so a blur covers more px vertically if pixels are wider than high.
 
-    Returns the pupil, and the longer half axis of its blur in px, in radii of the CoC.
+    Returns:
+        The aperture; and the longer half axis of a blur, as a multiple of its CoC radius.
     """
     pupil = aperture_of(lens)
     if pixel_aspect == 1:
@@ -88,7 +94,7 @@ def aperture_in_pixels(lens: LensValues, pixel_aspect: float) -> tuple[Aperture,
 
 
 def dual_pixel_of(lens: LensValues) -> DualPixel:
-    """The photodiodes of the sensor behind a lens."""
+    """The model of the two photodiodes in each pixel of the sensor."""
     from defocus_core.optics.dual_pixel import DualPixel
 
     measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
@@ -97,7 +103,10 @@ def dual_pixel_of(lens: LensValues) -> DualPixel:
 
 @once
 def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
-    """The sensitivities of the left and the right photodiodes, from a file of their kernels."""
+    """The sensitivities of the left and the right photodiode, from a file of measured kernels.
+
+    The file has an array [2, H, W], the blur of a point beyond the focus, left and right.
+    """
     import torch
 
     from defocus_core.io.array_files import read_array
@@ -119,7 +128,7 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
 
 @once
 def pupil_image(path: Path) -> PupilImage:
-    """The picture of a pupil, as light: the mean of its colours."""
+    """The transmission of an aperture from a picture file, as the mean of its linear colours."""
     import torch
 
     from defocus_core.io.array_files import array_type, read_array
@@ -147,7 +156,7 @@ def pupil_image(path: Path) -> PupilImage:
 
 
 def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
-    """Refuse arrays that are not pictures [channels, H, W] of a valid size."""
+    """Raise InputError unless `shape` is [channels, H, W], with H and W at most 4096."""
     if len(shape) != 3 or max(shape[1:]) > _MAX_SIDE:
         problem = f"is not a picture of a pupil: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
@@ -155,7 +164,10 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
-    """Write the opening and a blur of signed radius in px as PNG, or the blur alone as EXR."""
+    """Write the aperture, and the blur of a point with signed radius `radius` in px, as PNG.
+
+    An EXR gets the blur only: the kernels of the lens and of its left and right views.
+    """
     import torch
 
     from defocus_core.io.exr.writing import write_exr

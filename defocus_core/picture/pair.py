@@ -1,4 +1,4 @@
-"""Decoded colour and depth of a picture, of one size, with valid depth where it is not empty."""
+"""Colour and depth of a picture: decoded, brought to one size, and checked."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from defocus_core.system.text import note
 
 
 def read(wanted: InputPair) -> tuple[Color, Depth]:
-    """Colour and depth of the same size, with all pixels valid."""
+    """Read colour and depth, resize depth to the size of colour, and check all pixels."""
     picture, asked = wanted.picture, wanted.reading.resize_depth
     shared = picture.color == picture.depth
     if shared and wanted.reading.resize_depth is None and not is_exr(read_head(picture.color)):
@@ -45,7 +45,7 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
 
 
 def _completed(decoded: InputPair) -> tuple[Color, Depth]:
-    """Colour and depth of one size, all their pixels valid."""
+    """Apply the steps for decoded pairs, such as resizing depth; then check all pixels."""
     pair = apply_steps(PAIR, decoded)
     require_valid(pair.depth)
     require_finite(pair.color)
@@ -53,7 +53,10 @@ def _completed(decoded: InputPair) -> tuple[Color, Depth]:
 
 
 def parts_of(picture: PictureFiles, reading: Reading) -> tuple[int | None, int | None]:
-    """The part to read in the colour and in the depth file; None where there is only one."""
+    """The number of the part to read in the colour and in the depth file.
+
+    A part is that of a multi-part EXR, a page or a frame; None for a file that has only one.
+    """
     if reading.part is None:
         return None, None
     from defocus_core.io.array_files import has_frames
@@ -68,7 +71,7 @@ def parts_of(picture: PictureFiles, reading: Reading) -> tuple[int | None, int |
 
 
 def _decode(wanted: InputPair) -> InputPair:
-    """The pair as decoded from its files."""
+    """Decode the colour and the depth file."""
     picture, reading = wanted.picture, wanted.reading
     color_part, depth_part = parts_of(picture, reading)
     shared = picture.color == picture.depth
@@ -106,10 +109,10 @@ def _decode(wanted: InputPair) -> InputPair:
 
 
 def overscan_of(wanted: InputPair) -> Overscan:
-    """The pixels beyond the display window that colour and depth of a picture both have.
+    """The overscan, pixels beyond the display window, that colour and depth of a picture both have.
 
-    A depth file without windows has overscan if its size is that of the union of the colour's data
-    window and display window.
+    A depth file that is no EXR has overscan if its size is that of the colour's display window
+    together with its overscan.
     """
     picture, reading, whole = wanted.picture, wanted.reading, wanted.whole
     color_part, depth_part = parts_of(picture, reading)
@@ -134,18 +137,18 @@ def overscan_of(wanted: InputPair) -> Overscan:
 
 
 def read_overscan(wanted: InputPair) -> InputPair:
-    """The picture with the overscan to read."""
+    """Step: set how much overscan to read."""
     overscan = overscan_of(wanted)
     return replace(wanted, overscan=overscan.smaller(wanted.limit or overscan))
 
 
 def stretch_words(share: float) -> str:
-    """A stretch in words; empty without one."""
+    """A note on the share by which an aspect ratio was changed; empty if it is 0."""
     return f", stretched by {abs(share):.2%}" if share else ""
 
 
 def resized(given: InputPair) -> InputPair:
-    """The depth at the size of its colour, without means of two surfaces."""
+    """Step: resize depth to the size of colour, without averages of two surfaces."""
     color, depth, reading = given.color, given.depth, given.reading
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     share = stretched((columns, rows), (width, height))
@@ -172,7 +175,7 @@ def resized(given: InputPair) -> InputPair:
 
 
 def _guided(depth: Depth, color: Color) -> NDArray[np.float32]:
-    """The depth [H, W] at the size of its colour, its edges where the colours change."""
+    """Resize depth to the size of colour, with its edges where the colours change; [H, W]."""
     import torch
 
     from defocus_core.depth.guided_resize import guided_depth
@@ -192,7 +195,7 @@ def _guided(depth: Depth, color: Color) -> NDArray[np.float32]:
 
 
 def of_arrays(job: Job, arrays: Arrays) -> Inputs:
-    """The inputs of a picture in memory; integers of colour are sRGB, floats linear light."""
+    """The inputs of a job from arrays in memory. Integer colours are sRGB, floats linear light."""
     from defocus_core.io.images.color_space import unit
 
     color, depth = _pair_of_arrays(job, arrays.color, arrays.depth)
@@ -211,7 +214,7 @@ def of_arrays(job: Job, arrays: Arrays) -> Inputs:
 
 
 def _pair_of_arrays(job: Job, color: NDArray[Any], depth: NDArray[Any]) -> tuple[Color, Depth]:
-    """The colour and the depth of arrays."""
+    """Colour and depth from arrays, checked and brought to one size."""
     from defocus_core.io.images.color_space import linear_light, unit
     from defocus_core.io.images.raster import PLAIN_CHANNELS
 

@@ -1,6 +1,6 @@
-"""The plain path of a picture: read, radii, scene, render within the memory, write.
+"""The path of a picture: read, radii, scene, render, write.
 
-Other steps are rows of `steps.table`, in their order.
+Optional steps on this path are rows of `steps.table`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ __all__ = ["choose_device", "compute", "load", "prepare", "read", "renderers", "
 
 
 def read(job: Job) -> Inputs:
-    """Decode the picture of a job, and its hidden layer, plate and matte, if any."""
+    """Decode the files of a job: colour, depth, and others such as a plate or matte, if any."""
     require_room(job)
     color, depth = read_pair(InputPair.from_job(job))
     warnings = *color.warnings, *depth.warnings
@@ -54,7 +54,7 @@ def read(job: Job) -> Inputs:
 
 
 def prepare(job: Job, inputs: Inputs) -> Take:
-    """The take of a picture before rendering, with its lens and radii."""
+    """Find the focus, and compute the blur radii of a picture, before it is rendered."""
     depth = inputs.depth
     if "depth" in job.outputs.kinds and depth.is_radius:
         holds = "relative disparity" if depth.is_relative else "radii"
@@ -68,11 +68,10 @@ def prepare(job: Job, inputs: Inputs) -> Take:
 
 
 def compute(take: Take, progress: Progress | None = None) -> Take:
-    """The take with the images and maps of its job; it must be prepared.
+    """Render the images and maps of a job; `take` must come from `prepare`.
 
-    As many regions are rendered at once as fit into memory, or one by one if a GPU runs out of it.
-
-    `progress`: called with (tiles done, tiles in all).
+    As many regions of the picture are computed at once as fit into memory; one by one if a GPU runs
+    out of memory. `progress` is called with the number of finished tiles and of all tiles.
     """
     job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:
@@ -116,10 +115,11 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
 
 
 def _views_alone(take: Take) -> tuple[ViewTensors, float] | None:
-    """The views of a picture that compiled loops render alone, and a bound of their memory in MB.
+    """Render a picture by compiled loops, as NumPy arrays, without importing torch (1 s faster).
 
-    They are arrays: to import torch takes a second. None where it must render: several surfaces, or
-    depth that may need repair.
+    Returns:
+        The views and an upper bound of the memory in MB; or None if torch is needed, because there
+        are several surfaces, depth may need repair, or memory or settings do not allow it.
     """
     from defocus_core.renderer.compiled.carried import CHANNELS, bytes_of_loops, carries_settings
     from defocus_core.tensors.box import Box
@@ -148,7 +148,7 @@ def _views_alone(take: Take) -> tuple[ViewTensors, float] | None:
 
 
 def _is_plain(take: Take) -> bool:
-    """Whether a picture is one surface in one pass, whose repair no other frame decides."""
+    """Whether a picture has one surface and needs one rendering, independent of other frames."""
     from defocus_core.depth.diagnosis import DepthRepair
 
     color, reading = take.inputs.color, take.job.reading
@@ -163,7 +163,15 @@ def _is_plain(take: Take) -> bool:
 def _rendered(
     take: Take, images: _Images, counts: Mapping[str, int], back: str, begun: tuple[float, float]
 ) -> Take:
-    """The take with its images; ``begun``: wall and CPU seconds at the start."""
+    """Add the rendered images and statistics to a take.
+
+    Args:
+        take: The job that was rendered.
+        images: Its images.
+        counts: Statistics of the renderer.
+        back: The code that rendered, compiled or torch.
+        begun: Wall and CPU seconds at the start.
+    """
     from defocus_core.depth.diagnosis import DepthRepair
 
     stats: dict[str, float] = {**counts, "pixels_invented": images.invented}
@@ -185,7 +193,7 @@ def _rendered(
 
 
 def choose_device(name: str) -> str:
-    """``cpu`` or ``cuda``."""
+    """The device to render on, ``cpu`` or ``cuda``, for the option value auto, cpu or cuda."""
     available = False
     if name == "cuda" or (name == "auto" and may_have_gpu()):
         import torch
@@ -198,7 +206,7 @@ def choose_device(name: str) -> str:
 
 
 def load() -> None:
-    """Import what every rendering needs, and set up the allocator."""
+    """Import the libraries that every rendering needs, and configure memory allocation."""
     memory.share_heap()
     memory.keep_freed()  # freed inputs leave room for rendering
     with delayed_signals(), imports():
@@ -220,7 +228,7 @@ _FULL = 0.9  # share of the memory limit, from which on freed memory is given ba
 
 
 def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
-    """Each pass with its renderer, which works region by region."""
+    """Yield each pass with its renderer."""
     from defocus_core.renderer.engine.renderer import Renderer
     from defocus_core.renderer.engine.scene import in_colors
 
@@ -230,7 +238,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
 
 
 def _doubts(take: Take, stats: Mapping[str, float]) -> Iterator[str]:
-    """Warnings of a width of edges without effect, and of many negative pixels of left or right."""
+    """Warn if the option edge-width has no effect, or if many pixels of left or right are negative."""
     width = take.job.reading.edge_width
     is_repaired = take.repair is not None and take.repair.fraction
     if width is not None and not (is_repaired or take.inputs.plate):
@@ -243,7 +251,10 @@ def _doubts(take: Take, stats: Mapping[str, float]) -> Iterator[str]:
 def _of_all(
     progress: Progress | None, limit: float, number: int, count: int, done: int, tiles: int
 ) -> None:
-    """Report the tiles of all passes, and give fragmented freed memory back."""
+    """Report progress over `count` passes, and return freed memory to the system if little is left.
+
+    `number` is the index of the pass, of whose `tiles` `done` are finished; `limit` is in MB.
+    """
     if memory.held_mb() > _FULL * limit:
         memory.trim()
     if progress is not None:
@@ -251,14 +262,15 @@ def _of_all(
 
 
 class _Images:
-    """The images of a job during rendering.
+    """The images of a job while they are rendered.
 
     Attributes:
-        planes: arrays [H, W] of each rendered kind: C for each view of an image, one for a map.
-        clamped: number of pixels of each kind that were clamped to the range of half.
-        reach: px that light reaches at most.
-        bound: MB that rendering takes at most.
-        invented: number of pixels with a trust below `_TRUSTED`.
+        planes: For each rendered kind its arrays [H, W]: all channels of each view, or one for a
+            map.
+        clamped: Number of pixels of each kind that were clamped to the range of half.
+        reach: Greatest distance in px by which blur moves light.
+        bound: Upper bound of the memory of rendering, in MB.
+        invented: Number of pixels with a trust below `_TRUSTED`.
     """
 
     def __init__(self, take: Take) -> None:
@@ -275,9 +287,10 @@ class _Images:
             self.planes[kind.name] = tuple(np.zeros((height, width), dtype) for _ in range(count))
 
     def place(self, part: ViewTensors, of: Pass | None = None, *, first: bool = True) -> None:
-        """Copy a rendered region to its place; the trust is the least of all colours.
+        """Copy a rendered region into the planes.
 
-        `of`: None for a pass of all colours.
+        `of` is its pass, None if it has all colours. `first` tells whether it is the first pass; in
+        later ones, trust is the minimum with that of the passes before.
         """
         if of and of.order:
             part = part._replace(images=[image[list(of.order)] for image in part.images])

@@ -1,4 +1,4 @@
-"""Previews: 8-bit PNG, and the picture in false colour; never for measurement."""
+"""Previews: 8-bit PNG files to look at, and the picture in false colour; not for measurement."""
 
 from __future__ import annotations
 
@@ -22,7 +22,11 @@ FAR = (0.10, 0.35, 0.70)
 
 
 def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | None = None) -> None:
-    """Write linear, premultiplied Y, YA, RGB or RGBA [H, W, C] over black, by its primaries."""
+    """Write a picture over black as 8-bit sRGB PNG.
+
+    `pixels` [H, W, C] is linear, premultiplied Y, YA, RGB or RGBA; `attributes` may tell its
+    primaries.
+    """
     channels = PLAIN_CHANNELS[pixels.shape[2]]
     to_srgb = srgb_matrix(path, channels, attributes or {})
     encode = partial(display_encoded, channels=channels, bits=8, keep_alpha=False, to_srgb=to_srgb)
@@ -30,27 +34,33 @@ def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | No
 
 
 def write_depth_preview(path: Path, metres: Any) -> None:
-    """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel."""
+    """Write depth [H, W] in metres as grey disparity: infinity black, the nearest pixel white."""
     nearest = float(np.min(metres))
     nearest = nearest if np.isfinite(nearest) else 1.0
     write_preview(path, (nearest / metres)[:, :, None])
 
 
 def write_signed_preview(path: Path, radius: Any) -> None:
-    """Write a signed map [H, W] in orange (near), white (0) and blue, up to its largest value."""
+    """Write a signed map [H, W] in colour: negative orange, 0 white, positive blue.
+
+    The colours are saturated at the largest magnitude.
+    """
     maximum = largest(radius)
     encoded = computed(lambda rows: quantised(diverging(rows, maximum), 8), radius)
     write_samples(path, encoded, "png", {})
 
 
 def largest(values: NDArray[Any]) -> float:
-    """The largest finite magnitude."""
+    """The largest magnitude of the finite values; 0 if there are none."""
     size = np.abs(values)
     return float(np.max(size, where=np.isfinite(size), initial=0.0))
 
 
 def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
-    """The sRGB colours [H, W, 3] in 0…1 of signed radii [H, W]; saturated from `full` on."""
+    """Map signed radii [H, W] to sRGB colours [H, W, 3], 0 to 1: near orange, 0 white, far blue.
+
+    Colours are saturated from the magnitude `full` on.
+    """
     amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
     amount = amount[:, :, None]
     white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))
@@ -64,7 +74,15 @@ _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 
 
 def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
-    """Linear red, green, blue [H, W] of linear light [H, W] and signed radii [H, W] px."""
+    """The picture in false colour: sharp pixels green, nearer ones orange, farther ones blue.
+
+    Args:
+        light: Linear planes [H, W], whose mean gives the brightness.
+        radius: Signed blur radii [H, W] in px.
+
+    Returns:
+        Linear red, green and blue planes [H, W].
+    """
     maximum = largest(radius)
 
     def shown(px: NDArray[Any], *colors: NDArray[Any]) -> NDArray[Any]:

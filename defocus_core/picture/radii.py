@@ -1,4 +1,4 @@
-"""The signed radii of a depth through a lens: the only conversion from metres to px of radius."""
+"""Signed blur radii from depth and lens: the only conversion from metres to px of radius."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FARTHEST_PX = 1e8  # px, limit of the renderer
 
 
 def radii_of(lens: LensValues, depth: Depth) -> Radii:
-    """The radii of a whole frame, or those of a file of radii."""
+    """The signed blur radii of a depth map through a lens; radii in a file are used as they are."""
     px, infinity, scale = depth.metres, None, 1.0
     if isinstance(lens.blur, float):
         px = _relative(lens.blur, lens, depth)
@@ -48,7 +48,7 @@ def radii_of(lens: LensValues, depth: Depth) -> Radii:
 
 
 def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
-    """The radii of relative disparity, linear in its numbers, 0 at the ends of the sharp range."""
+    """Signed radii [H, W] of relative disparity: linear in its numbers, 0 in the sharp range."""
     import torch
 
     from defocus_core.depth.ramps import radius_from_relative_disparity
@@ -67,14 +67,14 @@ def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
 
 
 def sharp_numbers(lens: LensValues) -> tuple[float, float]:
-    """The least and the greatest number in focus of relative depth, for a lens with a blur."""
+    """The least and the greatest depth number in focus, for a lens with ``blur``."""
     assert lens.focus_value is not None
     numbers = (lens.focus_value, *(lens.sharp_range or ()))
     return min(numbers), max(numbers)
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
-    """The radii, limited to ``limit`` px."""
+    """The radii limited to magnitudes of at most ``limit`` px, with a warning if any was larger."""
     larger = np.abs(radii.px) > np.float32(limit)
     if depth.empty is not None:
         larger &= ~depth.empty
@@ -94,14 +94,14 @@ def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
 def signed_radius(
     lens: LensValues, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
+    """Signed CoC radii in px at depths in metres, for pictures of ``size`` (width, height) px."""
     radius = _Law.from_lens(lens, size).radii(metres)
     _refuse_infinite(radius, lens.fnum, metres)
     return radius
 
 
 class _Law(NamedTuple):
-    """The law of a lens of plain numbers, as `optics.thin_lens`, of arrays."""
+    """The CoC of a lens by distance, as in `optics.thin_lens`, for NumPy arrays."""
 
     per_disparity: float  # A v in mm²
     focus: float  # 1 / s per mm
@@ -110,7 +110,7 @@ class _Law(NamedTuple):
 
     @classmethod
     def from_lens(cls, lens: LensValues, size: tuple[int, int]) -> Self:
-        """The law of a lens in front of a sensor of ``size`` (width, height) px."""
+        """The law of a lens for pictures of ``size`` (width, height) px."""
         from defocus_core.optics.law import coc_per_disparity
 
         s = math.inf if lens.foc_dist is None else lens.foc_dist
@@ -120,13 +120,13 @@ class _Law(NamedTuple):
         return cls(per_disparity, 1 / s, 2 * (lens.sensor_width / size[0]), lens.sharp_range)
 
     def radius(self, distance: float) -> float:
-        """The signed radius in px at a distance in mm, without a sharp range."""
+        """The signed radius in px at a distance in mm, regardless of the sharp range."""
         from defocus_core.optics.law import coc_of
 
         return float(coc_of(self.per_disparity, self.focus, distance) / self.pixels)
 
     def radii(self, metres: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Signed radii in px at depths in metres."""
+        """Signed radii in px at depths in metres; 0 within the sharp range."""
         from defocus_core.optics.law import coc_of
 
         z = metres.astype("float64") * MM_PER_M
@@ -139,9 +139,9 @@ class _Law(NamedTuple):
 
 
 def color_offsets(lens: LensValues, size: tuple[int, int]) -> tuple[float, float]:
-    """The differences in px of the signed radii of red and of blue from those of green.
+    """How much the signed radii of red, and of blue, exceed that of green, in px.
 
-    With a blur in px, shifts are shares of it.
+    For a lens with ``blur``, the option axial-color gives shares of that blur.
     """
     from defocus_core.optics.axial_color import color_offset
 
@@ -155,7 +155,7 @@ def color_offsets(lens: LensValues, size: tuple[int, int]) -> tuple[float, float
 
 
 def thin_lens_of(lens: LensValues, size: tuple[int, int]) -> ThinLens:
-    """The lens in front of a sensor of ``size`` (width, height) px."""
+    """The `ThinLens` with the values of `lens`, for pictures of ``size`` (width, height) px."""
     import torch
 
     from defocus_core.optics.thin_lens import ThinLens
@@ -176,7 +176,7 @@ def thin_lens_of(lens: LensValues, size: tuple[int, int]) -> ThinLens:
 def _refuse_infinite(
     radius: NDArray[np.float32], fnum: float, metres: NDArray[np.float32], path: Path | None = None
 ) -> None:
-    """Refuse infinite radii; `path`: the file of the depth, if any."""
+    """Raise an error if a radius is not finite; `path` is the depth file, if any."""
     if (finite := np.isfinite(radius)).all():
         return
     if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
@@ -188,7 +188,7 @@ def _refuse_infinite(
 
 
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
-    """The least and greatest radius in px of non-empty pixels; refuses those beyond any frame."""
+    """The least and the greatest radius in px, without empty pixels; raises if one is too large."""
     radius = px if depth.empty is None else px[~depth.empty]
     radius = radius[np.isfinite(radius)] if depth.is_radius else radius
     least, greatest = (float(radius.min()), float(radius.max())) if radius.size else (0.0, 0.0)
@@ -216,7 +216,7 @@ _HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def doubt_depth(take: Take) -> Take:
-    """The take with warnings, two at most, if its depth does not fit lens or files."""
+    """Step: warn if depth seems to have another unit or meaning than assumed."""
     reading, depth, own = take.job.reading, take.inputs.depth, take.radii
     words = [
         *of_radii(depth, own.px, own.limits, take.lens, declared=reading.says_scale),
@@ -228,7 +228,7 @@ def doubt_depth(take: Take) -> Take:
 
 
 def of_near_end(depth: Depth) -> Iterator[str]:
-    """The evidence that black is near, if it is clear, although white is taken as near."""
+    """Yield a warning if relative depth seems to have near pixels black, but is read as white."""
     from defocus_core.picture.subject import white_is_near
 
     if white_is_near(depth) < _BLACK_IS_NEAR:
@@ -239,7 +239,15 @@ def of_near_end(depth: Depth) -> Iterator[str]:
 def of_radii(
     depth: Depth, radius: Any, limits: tuple[float, float], lens: LensValues, *, declared: bool
 ) -> Iterator[str]:
-    """The strongest evidence of the signed radii [H, W] px, if there is any."""
+    """Yield at most one warning if the blur radii are implausible, such as nothing in focus.
+
+    Args:
+        depth: The depth map.
+        radius: Its signed blur radii [H, W] in px.
+        limits: The least and the greatest radius in px.
+        lens: The lens.
+        declared: Whether the user gave format or unit of the depth, for the remedy.
+    """
     greatest = max(abs(end) for end in limits)
     if depth.is_relative and lens.focus_value is not None:
         number, ends = lens.focus_value, depth.ends
@@ -266,7 +274,10 @@ def of_radii(
 
 
 def _least_blur(radius: Any, greatest: float) -> str:
-    """The blur of the sharpest pixel in words, if nothing is in focus; else empty."""
+    """A note with the radius of the sharpest pixel if nothing is in focus; else empty.
+
+    `greatest` is the greatest radius in px.
+    """
     if greatest <= SHARP_PX:
         return ""
     sharpest = float(np.abs(radius).min())
@@ -275,7 +286,7 @@ def _least_blur(radius: Any, greatest: float) -> str:
 
 
 def _range_text(depth: Depth) -> str:
-    """The range of the depth without sky, like ``from 2m to 40m``."""
+    """The range of depth without sky as text, like ``from 2m to 40m``."""
     nearest = float(depth.metres.min())
     farthest = float(np.max(depth.metres, where=np.isfinite(depth.metres), initial=0.0))
     if math.isinf(nearest):
@@ -285,7 +296,10 @@ def _range_text(depth: Depth) -> str:
 
 
 def of_file(depth: Depth, *, declared: bool) -> Iterator[str]:
-    """Evidence of an undeclared convention by the file's name, channel and neighbours."""
+    """Yield warnings if name or channel of a depth file suggest another format than assumed.
+
+    Nothing is yielded if the user declared the format.
+    """
     if declared:
         return
     path, channel = depth.path, depth.channel.lower()

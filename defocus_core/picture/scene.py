@@ -1,4 +1,4 @@
-"""The scene of a take for the renderer, and its passes and settings."""
+"""What the renderer gets for a picture: scenes, settings, and one pass for each rendering."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def surfaces_of(take: Take) -> Surfaces:
-    """The surfaces of a take, after all steps of the scene."""
+    """The surfaces of a picture with radii and light, after all steps that change the scene."""
     from defocus_core.depth.diagnosis import DepthRepair
 
     color, device = take.inputs.color, take.device
@@ -33,7 +33,7 @@ def surfaces_of(take: Take) -> Surfaces:
 
 
 def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
-    """The passes of surfaces; the most important one comes last."""
+    """The renderings of a scene, after all steps; statistics are taken from the last one."""
     take = surfaces.take
     channels = tuple(range(len(take.inputs.color.planes)))
     whole = Pass(take, _scene(surfaces), settings_of(take), channels, channels)
@@ -41,7 +41,7 @@ def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
 
 
 def _scene(surfaces: Surfaces) -> Scene:
-    """The scene of surfaces."""
+    """Convert surfaces to a `Scene`, the input of the renderer."""
     from defocus_core.renderer.engine.scene import Surface, element_layers, with_hidden
     from defocus_core.renderer.layers.samples import Layered
 
@@ -53,7 +53,7 @@ def _scene(surfaces: Surfaces) -> Scene:
 
 
 def settings_of(take: Take) -> Settings:
-    """The options of the renderer, which does not repair depth itself."""
+    """The settings of the renderer; depth repair is off, as a step repairs depth before."""
     from defocus_core.renderer.engine.settings import Settings
 
     job = take.job
@@ -70,7 +70,7 @@ def settings_of(take: Take) -> Settings:
 
 
 def stack_layers(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with one for each layer."""
+    """Step: replace the surface of the picture by one for each layer."""
     take = surfaces.take
     layers, device = take.inputs.layers, take.device
     assert layers is not None
@@ -89,7 +89,10 @@ def stack_layers(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """The passes without alpha in their light; that of a holdout comes last."""
+    """Step: leave alpha out of the light of layers, as the renderer computes it from coverage.
+
+    With a holdout, the alpha of the picture is a plane of light, which is rendered last.
+    """
     inputs = every[0].take.inputs
     layers, alpha = inputs.layers, len(inputs.color.light)
     assert layers is not None
@@ -107,7 +110,7 @@ def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def repair_surfaces(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the radii to render with; the repair is that of the first."""
+    """Step: repair the radii of all surfaces; `repair` becomes the record of the first one."""
     from defocus_core.depth.repair import repair_depth
 
     take, longer = surfaces.take, surfaces.take.longer_axis
@@ -134,7 +137,10 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
 
 
 def light_lamps(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the light of their lamps, unchanged if one has light above 1."""
+    """Step: restore the light that clipped highlights have lost.
+
+    Nothing changes if a surface has light above 1, as its highlights are not clipped.
+    """
     from defocus_core.tensors.clipped_lights import ClippedLights
 
     lens, colors = surfaces.take.lens, len(surfaces.take.inputs.color.light)
@@ -150,7 +156,7 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """A pass for each group of colours."""
+    """Step: render groups of colours apart, as red and blue focus at other distances."""
     (whole,) = every
     take, color = whole.take, whole.take.inputs.color
     if "R" not in color.channels:
@@ -169,12 +175,12 @@ def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def picture_on(planes: Sequence[Any], device: str) -> Tensor:
-    """NumPy arrays [H, W] as a picture [C, H, W] on a device; decoded ones are not copied."""
+    """NumPy planes [H, W] as a tensor [C, H, W] on a device, without a copy if possible."""
     return map_on(block_of(planes), device)
 
 
 def map_on(values: Any, device: str) -> Tensor:
-    """A NumPy array as a tensor on a device; on a CPU it may share the memory."""
+    """A NumPy array as a tensor on a device; on the CPU they share memory if possible."""
     import torch
 
     values = np.asarray(values)
@@ -182,14 +188,14 @@ def map_on(values: Any, device: str) -> Tensor:
 
 
 def layers_on(pictures: Sequence[Tensor]) -> Tensor:
-    """Pictures [..., H, W] of one size as one [L, ..., H, W] of float32."""
+    """Stack tensors [..., H, W] to one of float32, [L, ..., H, W]."""
     import torch
 
     return torch.stack([picture[...].to(torch.float32) for picture in pictures])
 
 
 def to_array(values: Tensor) -> Any:
-    """A tensor as an array in memory, after the GPU has finished its work."""
+    """A tensor as a NumPy array, after the GPU has finished its work."""
     if isinstance(values, np.ndarray):
         return values
     import torch

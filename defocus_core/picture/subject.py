@@ -1,8 +1,8 @@
-"""The subject of a picture: default focus and blur of relative depth.
+"""Find the subject of a picture, for the default focus and blur of relative depth.
 
-A lone picture with relative depth needs no lens: its most blurred pixel gets `SHARE_OF_SIDE` of the
-longer side, and the whole surface of its subject is in focus. Depth in metres needs a lens; the
-error has a command that runs. Batches never guess.
+A single picture with relative depth can be rendered without a lens: the radius of its most blurred
+pixel is `SHARE_OF_SIDE` of the longer side, and the surface of the subject is in focus. Depth in
+metres needs a lens; the error proposes a complete command. In batches nothing is guessed.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ _LENS = LensValues(85.0, 1.4, None)  # @portrait-85
 
 
 class FoundPixel(NamedTuple):
-    """A pixel in focus, and the size of its map."""
+    """The pixel to focus on, and (width, height) of its depth map."""
 
     x: int
     y: int
     size: tuple[int, int]
 
     def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
-        """The same place in a picture of another (width, height)."""
+        """The pixel (x, y) at the same position in a picture of another (width, height)."""
         x, y = (
             int((place + 0.5) * wanted / own)
             for place, wanted, own in zip(self[:2], size, self.size, strict=True)
@@ -66,11 +66,12 @@ class FoundPixel(NamedTuple):
 
 
 def subject_of(depth: Depth) -> FoundPixel:
-    """The nearest standing surface that covers 5 % of a picture, the middle counted more.
+    """Find the pixel to focus on: on the nearest upright surface that covers 5 % of the picture.
 
-    The surface spans at most a sixth of all disparities; a floor does not stand, as its disparity
-    changes from row to row. The pixel has about the median disparity, is near the middle of the
-    surface, and not on the ramp of an edge.
+    Pixels in the middle of the picture count more. The disparities of the surface span at most a
+    sixth of the range of all. Upright means that disparity does not change from row to row as on a
+    floor. The pixel has about the median disparity of the surface, is near its centre, and not on a
+    soft edge.
     """
     every, step = _looked_at(depth)
     known, standing = np.isfinite(every), _stands(every)
@@ -95,7 +96,7 @@ def subject_of(depth: Depth) -> FoundPixel:
 
 
 def _stands(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a disparity [H, W] is known and about the same a little above or below."""
+    """Where disparity [H, W] is about the same a little above or below, as on upright surfaces."""
     reach = max(1, round(_ABOVE * len(disparity)))
     framed = np.pad(disparity, [(reach, reach), (0, 0)], constant_values=np.nan)
     above, below = (
@@ -105,7 +106,7 @@ def _stands(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
-    """Sampled disparities [h, w], greater is nearer, NaN if unknown; and the step of samples."""
+    """Subsampled disparities [h, w], greater is nearer, NaN if unknown; and the step of pixels."""
     step = math.isqrt(math.prod(depth.metres.shape) // _LOOKED_AT) + 1
     numbers = np.asarray(depth.metres[:][::step, ::step], np.float64)
     if depth.is_relative:
@@ -116,25 +117,27 @@ def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
 
 
 def on_ramp(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a disparity [H, W] lies between those of two surfaces, as on a soft edge."""
+    """Where a disparity [H, W] lies between those of two surfaces nearby, as on a soft edge."""
     lowest, highest, step = _local_range(disparity)
     return np.asarray(np.minimum(disparity - lowest, highest - disparity) > step / 2)
 
 
 def _local_range(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """The least and the greatest disparity around each pixel, and the limit of their difference."""
+    """The least and the greatest disparity near each pixel; and the least difference at an edge."""
     reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
     lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
     return lowest, highest, _STEP * _range(disparity)
 
 
 def _range(values: NDArray[Any]) -> float:
-    """The greatest minus the least value, ignoring NaN."""
     return float(np.fmax.reduce(values, axis=None) - np.fmin.reduce(values, axis=None))
 
 
 def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
-    """The least or the greatest of the values [H, W] up to `reach` px around each."""
+    """The least (`np.fmin`) or greatest (`np.fmax`) value within a square around each pixel.
+
+    The square extends `reach` px to each side.
+    """
     for axis in (0, 1):
         pads = [(reach, reach) if axis == each else (0, 0) for each in (0, 1)]
         padded = np.pad(values, pads, mode="edge")
@@ -143,10 +146,10 @@ def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
 
 
 def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
-    """The range of numbers of the surface at a pixel of relative depth; None if it has only one.
+    """The range of depth numbers of the surface at a pixel; None if it is empty.
 
-    The surface is what stands, is connected with the pixel, and about as near. Where nothing
-    stands, it is a part of the floor.
+    The surface consists of upright pixels of similar disparity that are connected with the pixel.
+    If nothing is upright, it is a part of the floor.
     """
     every, step = _looked_at(depth)
     finer = math.isqrt(every.size // _SEARCHED) + 1
@@ -168,7 +171,7 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
 
 
 def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bool_]:
-    """The pixels of a mask that are connected with one of them."""
+    """The connected component of `mask` [H, W] that contains the pixel (row, column)."""
     import torch
 
     from defocus_core.tensors.clipped_lights import Runs
@@ -189,10 +192,18 @@ def with_blur_and_focus(
     typed: Sequence[str],
     decoded: Depth | None = None,
 ) -> tuple[PictureLenses, Reading]:
-    """The lenses with default blur and focus for a lone picture of relative depth, and a note.
+    """Choose blur and focus if a single picture of relative depth has none; a note tells them.
 
-    The reading is inverted if the picture shows that black is near. `decoded`: the depth of a
-    picture in memory.
+    Args:
+        lenses: The options given.
+        pictures: The pictures to render; nothing is chosen for several.
+        reading: Options for reading depth.
+        typed: Words of the command line, for the command that an error proposes.
+        decoded: The depth, if the picture is in memory.
+
+    Returns:
+        The lenses with blur and focus; and the options for reading, inverted if the picture shows
+        that black is near.
     """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses, reading
@@ -229,7 +240,7 @@ def with_blur_and_focus(
 
 
 def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
-    """The reading with the near end of relative depth, and the evidence in words."""
+    """Set ``invert`` if relative depth has near pixels black; returns the evidence as text, too."""
     shown = white_is_near(depth)
     if abs(shown) < _EVEN:
         return reading, "; white is taken as near, add ‹invert› if black is"
@@ -241,9 +252,9 @@ def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
 
 
 def white_is_near(depth: Depth) -> float:
-    """The evidence that the greatest numbers of relative depth are near: -2 to 2, 0 is none.
+    """Evidence, -2 to 2, that large numbers of relative depth are near; 0 is none.
 
-    The bottom of a picture is usually nearer than its top, and the middle than the upper borders.
+    In most pictures, the bottom is nearer than the top, and the middle than the upper borders.
     """
     numbers = depth.metres[:: depth.metres.shape[0] // 256 + 1, :: depth.metres.shape[1] // 256 + 1]
     _, ranks, counts = np.unique(numbers, return_inverse=True, return_counts=True)
@@ -259,7 +270,14 @@ def white_is_near(depth: Depth) -> float:
 def options_of(
     depth: Depth | None, size: tuple[int, int], given: Layer, *, whole_subject: bool = True
 ) -> dict[str, Given]:
-    """Default blur and focus of relative depth, unless given; no `depth` if the focus is."""
+    """The options blur and focus to choose for relative depth, as far as they are not in `given`.
+
+    Args:
+        depth: Depth to find the focus in; None if a focus is given.
+        size: (width, height) of the picture in px.
+        given: The options given.
+        whole_subject: Whether the whole surface of the subject becomes sharp.
+    """
     chosen: dict[str, str] = {}
     if "blur" not in given:
         chosen["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
@@ -279,7 +297,15 @@ def _incomplete(
     *,
     has_file: bool,
 ) -> UsageProblem:
-    """The error for a lens with missing options, with a command that has them."""
+    """The error for missing lens options, which proposes a command that sets them.
+
+    Args:
+        picture: The picture.
+        reading: Options for reading its depth, which gives the pixel to focus on.
+        lacking: The missing options.
+        typed: Words of the command that was given.
+        has_file: Whether the command names a lens file.
+    """
     words = list(typed)
     optics = [name for name in lacking if name != "focus"]
     if optics and not has_file:
@@ -294,12 +320,12 @@ def _incomplete(
 
 
 def _depth_alone(picture: PictureFiles, reading: Reading) -> Depth:
-    """The depth of a picture at its own size."""
+    """The depth of a picture, not resized to its colour."""
     return read_depth(picture.depth, reading, lens_focal=_LENS.foclen / _LENS.sensor_width)
 
 
 def size_of(picture: PictureFiles) -> tuple[int, int]:
-    """Width and height of the rendered picture, by its header."""
+    """Width and height of a picture in px, from the header of its colour file."""
     if picture.color != picture.depth:
         info = describe(picture.color)
     else:
@@ -311,7 +337,11 @@ def size_of(picture: PictureFiles) -> tuple[int, int]:
 
 
 def is_relative(path: Path, reading: DepthReading) -> bool:
-    """Whether a depth file has no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
+    """Whether a depth file holds relative depth, without a unit.
+
+    That is assumed of 8-bit and 16-bit integers, of HEIC, and of GDepth without unit, unless
+    options say otherwise.
+    """
     from defocus_core.io.depth_formats.photo_depth import read_jpeg
     from defocus_core.io.images.raster import choose_page
 

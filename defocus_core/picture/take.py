@@ -1,4 +1,7 @@
-"""The types that stages pass on; a take is a job between its files and its outputs."""
+"""The data of a picture on its path, as passed from stage to stage.
+
+A `Take` is a job in progress, with its inputs, lens, radii and rendered planes.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Radii(NamedTuple):
-    """The signed radii of the circle of confusion of a frame."""
+    """The signed CoC radii of a frame."""
 
     # [H, W] float32. Empty pixels have the greatest radius, so that they hide nothing, and pixels
     # beside them are seen through the whole lens
@@ -47,7 +50,7 @@ _UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
 
 @dataclass(frozen=True)
 class InputPair:
-    """Colour and depth of a picture, with their reading."""
+    """Colour and depth of a picture, before or after decoding, with options for reading them."""
 
     picture: PictureFiles
     reading: Reading
@@ -61,19 +64,19 @@ class InputPair:
 
     @classmethod
     def from_job(cls, job: Job) -> InputPair:
-        """The picture of a job."""
+        """The pair of a job, not decoded yet."""
         whole = job.outputs.keep_overscan
         return cls(job.picture, job.reading, job.lens_focal, whole=whole)
 
     @property
     def color(self) -> Color:
-        """The colour, decoded."""
+        """The colour; the pair must be decoded."""
         assert self.planes is not None
         return self.planes[0]
 
     @property
     def depth(self) -> Depth:
-        """The depth, decoded."""
+        """The depth; the pair must be decoded."""
         assert self.planes is not None
         return self.planes[1]
 
@@ -83,12 +86,12 @@ class InputPair:
         return bool(self.color.shape[:2] != self.depth.metres.shape)
 
     def with_depth(self, depth: Depth) -> InputPair:
-        """The pair with another depth."""
+        """The pair with its depth replaced."""
         return replace(self, planes=(self.color, depth))
 
 
 class Arrays(NamedTuple):
-    """The arrays of a picture in memory."""
+    """A picture in memory, as arrays that are not converted yet."""
 
     color: Any  # [H, W] or [H, W, C]
     depth: Any  # [H, W]
@@ -98,7 +101,7 @@ class Arrays(NamedTuple):
 
 @dataclass(frozen=True)
 class Inputs:
-    """The decoded inputs of a job, shared by jobs of one picture."""
+    """The decoded inputs of a job; jobs of the same picture share them."""
 
     arrays_mb: float  # size of these and of the outputs
     color: Color
@@ -115,7 +118,7 @@ class Inputs:
 
 @dataclass(frozen=True, kw_only=True)
 class Take:
-    """A job on its way."""
+    """A job in progress: inputs, lens, radii and rendered planes."""
 
     job: Job  # what was asked for
     inputs: Inputs
@@ -150,28 +153,31 @@ class Take:
 
     @cached_property
     def longer_axis(self) -> float:
-        """The longer half axis of the blur in px, in radii of the CoC."""
+        """The longer half axis of a blur in px, as a multiple of its CoC radius.
+
+        It is 1 unless pixels are not square.
+        """
         return aperture_in_pixels(self.lens, self.inputs.color.pixel_aspect)[1]
 
     def reading(self, **changes: Any) -> Take:
-        """The take with other inputs in some fields."""
+        """The take with some fields of its `inputs` replaced."""
         return replace(self, inputs=replace(self.inputs, **changes))
 
     @property
     def color_note(self) -> str:
-        """A note on the reading of the colour and on clipped lights."""
+        """A note on how the colour was read, and how many clipped lights were brightened."""
         lit = "" if self.lamps is None else f"{counted(self.lamps, 'clipped light')} brightened"
         return ", ".join(filter(None, (self.inputs.color.note, lit)))
 
     def depth_words(self, *, rendered: bool = True) -> str:
-        """A note on the reading of the depth and, for rendered kinds, its repair."""
+        """A note on how the depth was read and, if `rendered`, how it was repaired."""
         notes = (repair_words(self.repair), self.shot_note) if rendered else ()
         return "; ".join(filter(None, (self.inputs.depth.note, *notes)))
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """The surfaces of a scene: that of the picture, or one for each layer, nearest first."""
+    """The surfaces of a scene: the visible one, or one for each layer, nearest first."""
 
     take: Take
     # for each surface to repair the colour, which has the edges of its depth
@@ -189,7 +195,7 @@ class Surfaces:
 
 
 class Pass(NamedTuple):
-    """A rendering of a scene, or of some of its colours."""
+    """One rendering of a scene, or of some of its colour channels."""
 
     take: Take
     scene: Scene
@@ -201,7 +207,7 @@ class Pass(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """The contents of a file."""
+    """The channels of an output file."""
 
     take: Take  # its take
     kind: Kind  # the kind of output
@@ -211,13 +217,13 @@ class Contents(NamedTuple):
     layout: Layout  # place of the first pixel, display window, views
 
     def mapped(self, change: Callable[[Any], Any]) -> Contents:
-        """The contents with each array [H, W] changed."""
+        """The contents with `change` applied to each array [H, W]."""
         extras = {name: change(plane) for name, plane in self.extras.items()}
         return self._replace(planes=tuple(map(change, self.planes)), extras=extras)
 
 
 def repair_words(repair: DepthRepair | None) -> str:
-    """The record of a repair in one line, for people and headers; empty if nothing was changed."""
+    """The repair of depth as one line of text; empty if nothing was changed."""
     values = repair_record(repair)
     if values is None or not values["kinds"]:
         return ""
@@ -226,7 +232,10 @@ def repair_words(repair: DepthRepair | None) -> str:
 
 
 def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
-    """The repair in plain values, as `defocus help json` lists them; None if it was off."""
+    """The repair of depth as a dictionary for JSON; None if it was off.
+
+    `defocus help json` describes its fields.
+    """
     if repair is None:
         return None
     kinds = {
@@ -248,7 +257,7 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
 
 
 def _round(value: float | None) -> float | None:
-    """Four significant digits."""
+    """A value with four significant digits; None stays None."""
     return None if value is None else float(f"{value:.4g}")
 
 
@@ -260,10 +269,10 @@ MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
 def measures(take: Take) -> dict[str, float | None]:
-    """The measures of a picture; None where nothing is known.
+    """Statistics of a rendered picture for its record; None where a value is unknown.
 
-    ``clipped_share``: pixels that are white in a colour, not of EXR and HDR; ``invented_share``:
-    pixels of which less than 99 % of the lens saw what the picture holds.
+    Besides those of `radius_measures`, ``clipped_share`` is the share of pixels of which a channel
+    is white (not for EXR and HDR), and ``invented_share`` that of pixels whose trust is below 0.99.
     """
     nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
     pixels, invented = take.stats.get("pixels", 0), take.stats.get("pixels_invented")
@@ -279,7 +288,7 @@ def measures(take: Take) -> dict[str, float | None]:
 
 
 def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
-    """Mean, median and 99th percentile of |radius| in px over pixels that are not empty."""
+    """Mean, median and 99th percentile of |radius| in px, without the empty pixels `nothing`."""
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
     if not sizes.size:
         return dict.fromkeys(RADII, 0.0)

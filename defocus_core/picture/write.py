@@ -1,4 +1,4 @@
-"""Write the files of a job, all or none, with their channels and windows."""
+"""Write the output files of a job, all or none."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, pl
 
 
 def _of_radius(take: Take, kind: Kind) -> _Channels:
-    """A map of the signed radii [H, W], 0 where empty."""
+    """The channel of a map of signed radii or disparity [H, W] in px; empty pixels are 0."""
     values = disparity_map(take) if kind.source == "disparity" else take.shown
     if (empty := take.inputs.empty) is not None:
         values = values * ~empty
@@ -44,7 +44,7 @@ def _of_radius(take: Take, kind: Kind) -> _Channels:
 
 
 def _image(take: Take, kind: Kind) -> _Channels:
-    """Names and arrays of the channels of colour, and further blurred and copied channels."""
+    """The channels of a rendered image; and further channels of the input, blurred or copied."""
     color, every = take.inputs.color, take.images[kind.name]
     half = take.job.outputs.exr_type == "half"
     names: list[str] = []
@@ -66,7 +66,7 @@ def _image(take: Take, kind: Kind) -> _Channels:
 
 
 def _focus(take: Take, kind: Kind) -> _Channels:
-    """The picture in false colour."""
+    """The channels of the picture in false colour."""
     from defocus_core.picture.preview import focus_planes
 
     color = take.inputs.color
@@ -91,7 +91,7 @@ _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
 
 
 def changed_by(compression: str, channels: Mapping[str, Any]) -> list[str]:
-    """The names of channels that must be exact but that a codec would change."""
+    """Names of channels, such as ids or depth, that a lossy codec would change but must not."""
     codec, _ = codec_of(compression)
     return [name for name, plane in channels.items() if codec.changes(name, plane.dtype.name)]
 
@@ -100,7 +100,7 @@ _OF_COLORS = {PRIMARIES, PROFILE}
 
 
 def write(take: Take) -> Take:
-    """Write the files of a job, all or none; returns the take with warnings of losses."""
+    """Write the files of a job, all or none; returns the take with warnings about losses."""
     outputs = take.job.outputs
     if not outputs.root.is_dir():  # a new one would have no journal
         problem = "was removed while jobs were done"
@@ -115,7 +115,7 @@ def write(take: Take) -> Take:
 
 
 def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
-    """The warning of copied channels with NaN, or with inf, which in depth is sky."""
+    """Yield a warning for each copied channel with NaN or, except in depth, infinite values."""
     for name, plane in carried.items():
         if plane.dtype.kind == "f":
             wrong = np.isnan(plane) if is_depth(name) else ~np.isfinite(plane)
@@ -125,7 +125,7 @@ def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _write_kind(take: Take, kind: Kind) -> list[str]:
-    """Write the file of a kind, and its preview if wanted; returns warnings."""
+    """Write the file of a kind of output, and its preview if wanted; returns warnings."""
     job, warnings = take.job, list[str]()
     layout = Layout(take.inputs.color.corner, None, kind.views)
     channels = _SOURCES[kind.source or "image" * kind.image](take, kind)
@@ -152,7 +152,7 @@ def _write_kind(take: Take, kind: Kind) -> list[str]:
 
 
 def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
-    """Write an image with the metadata of its input; returns losses in words."""
+    """Write an image with the metadata of its input; returns warnings about losses."""
     take, kind, outputs = contents.take, contents.kind, contents.take.job.outputs
     left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
     if outputs.color_space == "srgb":
@@ -188,7 +188,7 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
 
 
 def _blurred(contents: Contents) -> NDArray[np.bool_]:
-    """The pixels [H, W] that are out of focus, or differ from the input."""
+    """The pixels [H, W] that are out of focus or whose colour differs from the input."""
     take, color = contents.take, contents.take.inputs.color
     given = [*color.planes, take.shown]
     if not take.job.outputs.keep_overscan:
@@ -209,7 +209,10 @@ _LENS_TAGS = {
 
 
 def _with_lens(attributes: Mapping[str, object], lens: LensValues) -> dict[str, object]:
-    """The attributes of a photograph, with f-number and focal length of the lens of the job."""
+    """Metadata of a photograph with the f-number and focal length of the rendered lens.
+
+    Tags that do not fit this lens, such as the subject distance, are removed.
+    """
     tags = attributes.keys() & _LENS_TAGS.keys()
     if not tags:
         return dict(attributes)
@@ -238,7 +241,7 @@ def _write_preview(path: Path, contents: Contents) -> None:
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:
-    """Attributes of an EXR output, without directory and time, so that bytes are reproducible."""
+    """The attributes ``defocus:*`` of an EXR output; without folders and time, to be reproducible."""
     job, lens = take.job, take.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
@@ -270,7 +273,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
 
 
 def _repair(take: Take) -> dict[str, str]:
-    """The options and the result of the repair of depth; empty if both are usual."""
+    """Attributes with options and result of the repair of depth, as far as they are not usual."""
     reading = take.job.reading
     asked = [f"‹depth-repair› {reading.depth_repair}"] * (reading.depth_repair != "auto")
     if reading.edge_width is not None:
@@ -283,7 +286,7 @@ def _repair(take: Take) -> dict[str, str]:
 
 
 def add_noise(contents: Contents) -> Contents:
-    """The rendered planes with sensor noise, except alpha."""
+    """Step: add sensor noise to the rendered planes, except alpha."""
     from defocus_core.picture.grain import grain_of, grained
 
     take, kind, channels = contents.take, contents.kind, contents.take.inputs.color.channels
@@ -315,7 +318,7 @@ def _noisy(plane: Any, electrons: float, read: float, seed: int) -> NDArray[Any]
 
 
 def cut_overscan(contents: Contents) -> Contents:
-    """The planes without overscan, or with it and a display window."""
+    """Step: cut overscan off; or, if it is kept, set the display window."""
     color, outputs = contents.take.inputs.color, contents.take.job.outputs
     if contents.kind.source == "focus":
         return contents
@@ -328,12 +331,12 @@ def cut_overscan(contents: Contents) -> Contents:
 
 
 def shown(color: Color, plane: Any) -> Any:
-    """An array [H, W] without overscan."""
+    """A plane [H, W] with its overscan cut off."""
     return plane[color.overscan.shown(*color.shape[:2])]
 
 
 def cut_border(contents: Contents) -> Contents:
-    """The contents without the dark border that no light reaches."""
+    """Step: cut off the black border that no light reaches."""
     take, layout, data = contents.take, contents.layout, contents.take.inputs.color.data
     assert data is not None
     (height, width), (x, y) = contents.planes[0].shape, layout.corner
@@ -352,7 +355,7 @@ _CELLS = 16
 
 
 def disparity_map(take: Take) -> NDArray[Any]:
-    """The disparity [H, W] in px along x between left and right, with the sign of the radius."""
+    """Disparity [H, W] in px along x between left and right, with the sign of the CoC radius."""
     beyond = nearer = _per_radius(take)
     if take.lens.spherical:
         nearer = _per_radius(take, nearer=True)
@@ -363,7 +366,11 @@ def disparity_map(take: Take) -> NDArray[Any]:
 
 
 def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
-    """Disparity in px per px of radius at the corners of cells, or one number for the frame."""
+    """Disparity between left and right, in px per px of CoC radius.
+
+    It is computed at the corners of a grid of cells, [cells + 1, cells + 1]; or as one number, [1,
+    1], without a cat's eye. `nearer` is for points nearer than the focus.
+    """
     import torch
 
     pupil, longer = aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)
@@ -381,7 +388,7 @@ def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
 
 
 def _interpolated(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Values at the corners of cells of a frame, interpolated at its pixels."""
+    """Interpolate values at the corners of a grid of cells to all pixels of a frame, [H, W]."""
     if corners.size == 1:
         return corners
     values: NDArray[Any] = _tents(shape[0]) @ corners @ _tents(shape[1]).T
@@ -389,7 +396,7 @@ def _interpolated(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]
 
 
 def _tents(length: int) -> NDArray[Any]:
-    """Linear weights [length, cells + 1] of the corners of cells at pixels along an axis."""
+    """Weights [length, cells + 1] to interpolate from cell corners to pixels along an axis."""
     cell = (np.arange(length) + 0.5) * (_CELLS / length)
     weights: NDArray[Any] = np.clip(1 - np.abs(cell[:, None] - np.arange(_CELLS + 1)), 0, None)
     return weights

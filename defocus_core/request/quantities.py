@@ -308,7 +308,7 @@ def file(text: str) -> Path:
 
 
 def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
-    """Make a parser of a dual-pixel model: one of `models`, or the path of a .npy file of kernels."""
+    """Make a parser of a dual-pixel model: one of `models`, or the path of a .npy kernel file."""
 
     def parse(text: str) -> str | Path:
         if (word := text.strip().lower()) in models:

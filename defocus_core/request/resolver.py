@@ -78,7 +78,7 @@ def parsed(name: str, text: str, place: Place) -> Given:
 
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
-    """Parse the options in a table; a key that is neither in `rows` nor in ``others`` is an error."""
+    """Parse the options in a table; keys that are not in `rows` or ``others`` are errors."""
     named = keys_of(rows)
     table.refuse_unknown((*named, *others))
     return layer_of(table.values, named, table.place)

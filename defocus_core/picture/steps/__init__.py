@@ -1,1 +1,1 @@
-"""Optional steps of the path of a picture, one module each; `table` has the order."""
+"""Optional steps on the path of a picture, one module each; `table` lists them in order."""

@@ -1,8 +1,8 @@
-"""Companions of a picture: the plate below an element, what is hidden, a matte.
+"""Steps for what accompanies a picture: a plate, hidden surfaces, and a matte.
 
-A plate is rendered with its element as one scene. Files may give hidden surfaces. A matte, as of
-portrait modes and segmentations, is the coverage of the subject, 0 to 1, and gives the edges of the
-depth.
+A plate lies behind an element, a picture with alpha; both are rendered as one scene. Hidden
+surfaces are given by files. A matte is the coverage of the subject, 0 to 1, as of portrait modes
+and segmentations; its edges become the edges of the depth.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from defocus_core.system.text import counted, note
 
 
 def window_of_plate(wanted: InputPair) -> InputPair:
-    """The element with the overscan that both it and its plate have."""
+    """Step: limit the overscan of an element to that of its plate."""
     below = _wanted(wanted)
     return replace(wanted, limit=overscan_of(below))
 
 
 def read_plate(take: Take) -> Take:
-    """The element with its plate."""
+    """Step: read the plate of an element, and make layers of both."""
     picture, inputs = take.job.picture, take.inputs
     if picture.hidden is not None:
         remedy = "the plate is what lies behind"
@@ -68,7 +68,7 @@ def read_plate(take: Take) -> Take:
 
 
 def radii_of_both(take: Take) -> Take:
-    """The radii of element and plate; maps show those of the front one."""
+    """Step: show the radii of the plate in maps where the element is empty."""
     plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
     assert plate is not None
     below, shown = radii_of(take.lens, plate.depth), own.px
@@ -79,7 +79,7 @@ def radii_of_both(take: Take) -> Take:
 
 
 def _wanted(element: InputPair) -> InputPair:
-    """The plate of an element; options of layers and parts apply only to the element."""
+    """The plate to read; options for layers and parts of files apply to the element only."""
     assert element.picture.over is not None
     path, reading = element.picture.color, element.reading
     has_views = is_exr(read_head(path)) and views_of(read_headers(path))
@@ -89,7 +89,7 @@ def _wanted(element: InputPair) -> InputPair:
 
 
 def _plate(wanted: InputPair) -> InputPair:
-    """The decoded plate, infinitely far without depth."""
+    """Decode the plate; if it has no depth, it is infinitely far away."""
     picture = wanted.picture
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
@@ -101,7 +101,7 @@ def _plate(wanted: InputPair) -> InputPair:
 
 
 def _doubts(element: Color, plate: Color) -> Iterator[str]:
-    """Warnings about an element over a plate; refuses what does not fit."""
+    """Check that an element and a plate match; yield warnings about the alpha of the element."""
     path, alpha = plate.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
@@ -126,7 +126,7 @@ def _doubts(element: Color, plate: Color) -> Iterator[str]:
 
 
 def _far_away(wanted: InputPair) -> InputPair:
-    """A plate without depth, infinitely far."""
+    """Decode a plate without depth, as infinitely far away."""
     picture, reading, overscan = wanted.picture, wanted.reading, wanted.limit
     assert overscan is not None
     if reading.holds_radii:
@@ -145,7 +145,7 @@ def _far_away(wanted: InputPair) -> InputPair:
 
 
 def read_hidden(take: Take) -> Take:
-    """The take with the files of its hidden layer."""
+    """Step: read the hidden layer."""
     hidden, color = take.job.picture.hidden, take.inputs.color
     wanted = InputPair.from_job(take.job)
     assert hidden is not None
@@ -163,7 +163,7 @@ def read_hidden(take: Take) -> Take:
 
 
 def show_hidden(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with the hidden layer, unknown where depth is inf and colour 0."""
+    """Step: add the hidden layer to the scene; it is unknown where depth is inf and colour 0."""
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
@@ -176,7 +176,7 @@ def show_hidden(surfaces: Surfaces) -> Surfaces:
 
 
 def read_matte(take: Take) -> Take:
-    """The take with its matte, of a file or inside the photograph, if it is rendered."""
+    """Step: read the matte, from its file or from inside a photograph, if anything is rendered."""
     picture, color = take.job.picture, take.inputs.color
     if picture.over is not None and picture.matte is None:
         return take
@@ -197,7 +197,7 @@ def read_matte(take: Take) -> Take:
 
 
 def show_matte(surfaces: Surfaces) -> Surfaces:
-    """The surface with the coverage of the subject."""
+    """Step: add the matte to the scene."""
     take = surfaces.take
     return replace(surfaces, matte=map_on(take.inputs.matte, take.device))
 
@@ -205,7 +205,10 @@ def show_matte(surfaces: Surfaces) -> Surfaces:
 def _coverage(
     path: Path, values: NDArray[np.float32], size: tuple[int, int], overscan: Overscan
 ) -> NDArray[np.float32]:
-    """The coverage of a subject [h, w], 0 to 1, at the size of its picture."""
+    """The coverage of a subject [H, W], 0 to 1, resized to its picture and extended to overscan.
+
+    `path` is the file, for errors; `size` is (width, height) of the picture without overscan.
+    """
     (height, width), (columns, rows) = values.shape, size
     if (width, height) != size:
         if (share := stretched((width, height), size)) is None:
@@ -222,7 +225,7 @@ def _coverage(
 
 
 def _matte_values(path: Path) -> NDArray[np.float32]:
-    """The coverage in a file: its alpha if it has one, else its grey."""
+    """Read coverage [H, W] from a file: its alpha if it has one, else its grey."""
     if is_exr(read_head(path)):
         color = read_color(path)
         colors = color.pixels if color.alpha is None else np.asarray(color.alpha[:])[:, :, None]
@@ -242,7 +245,7 @@ def _matte_values(path: Path) -> NDArray[np.float32]:
 
 
 def _resized(values: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """The matte at another size, by smooth interpolation, unlike depth."""
+    """Resize a matte [H, W] to (width, height) by linear interpolation."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 1)

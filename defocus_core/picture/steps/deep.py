@@ -1,6 +1,7 @@
-"""Deep pictures: the samples of each pixel as layers for the renderer.
+"""Deep pictures: make layers for the renderer from the samples of each pixel.
 
-Colour and depth are those of the flattened picture and of the first surface.
+The colour of the inputs remains that of the flattened picture, their depth that of the first
+surface.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from defocus_core.system.text import counted
 
 
 def read(take: Take) -> Take:
-    """The take with the layers of its picture, its plate and its holdout."""
+    """Step: make layers of the picture and of its plate and holdout, if any."""
     inputs, plate = take.inputs, take.inputs.plate
     wanted = InputPair.from_job(take.job)
     picture = wanted.picture
@@ -49,7 +50,7 @@ def read(take: Take) -> Take:
 
 
 def _layers(pair: InputPair) -> Layers:
-    """The layers of one picture: its samples, or a single layer if it is flat."""
+    """The layers of one picture: those of its samples; or a single one if it is not deep."""
     picture, reading, color, header = pair.picture, pair.reading, pair.color, None
     if is_exr(read_head(picture.color)):
         headers = in_view(picture.color, read_headers(picture.color), reading.view)
@@ -70,7 +71,7 @@ def _layers(pair: InputPair) -> Layers:
 
 
 def _holdout(pair: InputPair) -> Layers:
-    """The samples of a deep holdout, without light."""
+    """The layers of a deep holdout, without light."""
     color, path = pair.color, pair.picture.color
     headers = read_headers(path) if is_exr(read_head(path)) else ()
     deep = [header for header in headers if header.deep]
@@ -88,7 +89,7 @@ def _holdout(pair: InputPair) -> Layers:
 
 
 def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
-    """The samples of a deep part as layers, with the wanted channels of light."""
+    """Read the samples of a deep part as layers; `sources` are the channels to read as light."""
     color, depth = pair.color, pair.depth
     path = pair.picture.color
     layers, merged = deep_layers(path, header, sources, color.overscan)
@@ -100,14 +101,14 @@ def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> 
 
 
 def _metres(numbers: Any, pair: InputPair) -> Any:
-    """Metres [H, W] from the numbers of a layer, read like those of the first surface."""
+    """Convert depth numbers of a layer to metres [H, W], like those of the first surface."""
     like = pair.depth
     samples = DepthNumbers(like.path, numbers, "EXR", "", channel=like.channel)
     return decoded(numbers, resolved(pair.reading, samples, pair.lens_focal), like.overscan)
 
 
 def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
-    """The depth of one layer, infinitely far where it has no sample."""
+    """The depth of a layer, infinite where alpha is 0; `like` is that of the first surface."""
     metres[~(np.asarray(alpha) > 0)] = 0 if like.is_radius else np.inf
     depth = replace(like, metres=metres, empty=None)
     count, first = count_of(depth.invalid)

@@ -1,6 +1,6 @@
-"""Repair of depth and focus that the frames of a shot share, so that it does not flicker.
+"""Steps for frames of a shot, which share focus and repair of depth so that they do not flicker.
 
-Every process decides anew, with the same result from the same files.
+Each process decides both again from the same frames, and so with the same result.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _KEPT = 1 << 12  # cached findings of frames, which later frames share
 
 
 def lens(take: Take) -> Take:
-    """The take with the shared focus of its shot, if there is one."""
+    """Step: set the focus, which frames of a shot share if it is found from depth."""
     job, lens, depth = take.job, take.job.lens, take.inputs.depth
     assert job.shot is not None
     frames = job.shot.sample if job.shot.shares_focus else ()
@@ -46,7 +46,7 @@ def lens(take: Take) -> Take:
 
 
 def radii(take: Take) -> Take:
-    """The take with the shared repair of its shot."""
+    """Step: set the repair of depth that the frames of a shot share."""
     from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.depth.shot_repair import agreed_repair, repair_through
 
@@ -62,7 +62,10 @@ def radii(take: Take) -> Take:
 
 
 def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> list[T]:
-    """The findings of frames, without those that have nothing to focus on."""
+    """The results of `finding` for each frame; frames that raise an error are left out.
+
+    If all of them do, the first error is raised.
+    """
     found, failed = [], []
     for frame in frames:
         lens_focal = replace(job, lens=frame.lens).lens_focal
@@ -77,7 +80,7 @@ def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> lis
 
 @lru_cache(maxsize=_KEPT)
 def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> float:
-    """The focus in mm by the depth of a frame."""
+    """The focus distance in mm that is found from the depth of a frame."""
     _, depth = read(InputPair(frame.picture, reading, lens_focal))
     foc_dist = with_focus(frame.lens, depth).foc_dist
     return float("inf") if foc_dist is None else foc_dist
@@ -87,7 +90,7 @@ def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> f
 def _repair_of(
     frame: FrameLens, reading: Reading, lens_focal: float | None
 ) -> tuple[DepthRepair, float]:
-    """The repair that a frame needs through its lens, and px for a disparity of 1 per mm."""
+    """The repair that the depth of a frame needs; and its radius in px per disparity of 1/mm."""
     import torch
 
     from defocus_core.depth.repair import repair_depth

@@ -1,6 +1,6 @@
-"""The table of optional steps of the path of a picture, in their order.
+"""The tables of optional steps on the path of a picture, in order, one for each stage.
 
-The module of a step is imported only if it applies.
+The module of a step is imported only if the step applies.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Step(Generic[T]):
-    """A row of the table."""
+    """An optional step: a function that changes the data of a stage, if a condition holds."""
 
     name: str  # name of its function, in a module beside or above this one
     applies: Callable[[T], object]  # tells from the subject of the stage whether the step applies
 
     @property
     def function(self) -> Callable[[T], T]:
-        """The function of the step, imported on access."""
+        """The function of the step, which is imported on access."""
         function: Callable[[T], T] = resolve_name(f"defocus_core.picture.{self.name}")
         return function
 
 
 def apply_steps(steps: tuple[Step[T], ...], subject: T) -> T:
-    """The subject of a stage, changed by the steps that apply."""
+    """Apply those steps whose condition holds to the data of a stage, one after the other."""
     for step in steps:
         if step.applies(subject):
             subject = step.function(subject)
@@ -40,17 +40,17 @@ def apply_steps(steps: tuple[Step[T], ...], subject: T) -> T:
 
 
 def _has_overscan(pair: InputPair) -> bool:
-    """Whether the colour has pixels beyond its display window."""
+    """Whether the colour file has pixels beyond its display window."""
     return not all(p.display.covers(p.data) for p in describe(pair.picture.color).parts)
 
 
 def _may_doubt(take: Take) -> bool:
-    """Whether the depth may be misread; radii in px of a file cannot be."""
+    """Whether depth may have been misread; blur radii in px from a file cannot be."""
     return take.inputs.depth.is_relative or not take.inputs.depth.is_radius
 
 
 def _is_deep(take: Take) -> bool:
-    """Whether rendered samples lie behind each other, in its files or a holdout."""
+    """Whether layers are to be rendered, because a file is deep or there is a holdout."""
     picture = take.job.picture
     colors = [each.color for each in (picture, picture.over) if each is not None]
     is_deep = picture.holdout is not None or any(describe(path).deep for path in colors)
@@ -64,7 +64,7 @@ def _lens_is_found(take: Take) -> bool:
 
 
 def _frames_focus(take: Take) -> bool:
-    """Whether frames share the focus; deep frames decide alone."""
+    """Whether frames of a shot share the focus; those of deep files do not."""
     layers = take.inputs.layers
     is_deep = layers is not None and not layers.pictures
     return take.job.shot is not None and _lens_is_found(take) and not is_deep
@@ -88,7 +88,7 @@ def _is_noisy(contents: Contents) -> bool:
 
 
 def _may_end(contents: Contents) -> bool:
-    """Whether an image may be cropped to the pixels that the blur reaches."""
+    """Whether an image may be cropped to its data window, extended by the reach of the blur."""
     take, kind, lens = contents.take, contents.kind, contents.take.lens
     lit = take.inputs.plate or take.inputs.hidden or lens.noise
     is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut
