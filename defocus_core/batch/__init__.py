@@ -1,1 +1,1 @@
-"""A batch: many jobs carried out, what was done, data sets."""
+"""Batches: many jobs carried out by several workers, a journal of the results, and data sets."""

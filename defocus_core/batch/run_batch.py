@@ -1,4 +1,4 @@
-"""A batch and its processes: run it, or resume it."""
+"""The way in to batches: run or resume one."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subs
 
 @dataclass(frozen=True)
 class WorkerConfig:
-    """The processes that compute."""
+    """Where to compute the jobs of a batch: in how many processes, or on a Dask cluster."""
 
     scheduler: str  # ``local``, or the address of a Dask scheduler
     processes: int | None  # on this machine; None for a suitable number
@@ -45,7 +45,7 @@ class WorkerConfig:
 
     @property
     def machine(self) -> Machine:
-        """The machine settings of each job."""
+        """The machine settings for each job."""
         share, available = None, memory.available_mb()
         if self.scheduler == "local" and self.count > 1 and available is not None:
             share = int(memory_budget.SHARE * available / self.count * memory.MB)
@@ -54,7 +54,7 @@ class WorkerConfig:
 
     @cached_property
     def count(self) -> int:
-        """The number of processes, counted once, since free memory changes."""
+        """The number of processes. It is determined once, as free memory changes."""
         if self.processes is not None:
             return self.processes
         if self.device == "cuda" or (self.device == "auto" and any(map(os.path.exists, _GPUS))):
@@ -66,11 +66,11 @@ class WorkerConfig:
 
     @property
     def spread(self) -> int:
-        """The number of workers that share the jobs of one picture."""
+        """Assumed number of workers, among which the jobs of one picture are divided."""
         return self.count if self.scheduler == "local" else MANY
 
     def execute(self) -> Execute:
-        """The executor of the jobs."""
+        """Return the function that carries out jobs."""
         if self.scheduler != "local":
             return execute_at(self.scheduler, threads=self.threads)
 
@@ -88,17 +88,17 @@ Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 
 
 def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False) -> list[Job]:
-    """The jobs of a batch, to inspect or select before `run_batch`.
+    """The jobs of a batch, to inspect or select some of them before `run_batch`.
 
     Args:
-        jobs: A jobs file; its tables, as ``{"inputs": {"color": …, "depth": …}, "lens": {…}}``; or
-            jobs that write to ``out``.
+        jobs: The path of a jobs file; or its tables, like ``{"inputs": {"color": …, "depth": …},
+            "lens": {…}}``; or jobs, which are changed to write to ``out``.
         out: Directory to write to.
-        overwrite: Whether to do all again, also finished ones.
+        overwrite: Whether `run_batch` should do finished jobs again.
 
     Raises:
-        InputError: A file cannot be read or is missing, or files do not pair up.
-        UsageProblem: A key is unknown, a value invalid, or two contradict each other.
+        InputError: A file is missing or cannot be read, or colour and depth files do not match.
+        UsageProblem: A key is unknown, a value is invalid, or two contradict each other.
     """
     return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine())[0]
 
@@ -106,7 +106,7 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
 def _asked(
     jobs: Jobs, outputs: Outputs, machine: Machine, shard: Shard | None = None
 ) -> tuple[list[Job], JobsSource | None]:
-    """The jobs of a batch for a machine, and their source if it can be kept."""
+    """The jobs of a batch or of a shard; and the jobs file or tables they come from, if any."""
     if isinstance(jobs, str | PathLike | Mapping):
         asked = jobs if isinstance(jobs, Mapping) else Path(jobs)
         return read_batch(asked, outputs, machine, shard)
@@ -140,34 +140,36 @@ def run_batch(
 ) -> Summary:
     """Do the unfinished jobs of a batch, and write the index of its samples.
 
-    Called again, it resumes: finished jobs are done again only if their inputs, settings or outputs
-    changed; failed ones are tried again. `samples` reads the result.
+    Call it again to resume a batch. A finished job is done again only if its inputs, settings or
+    outputs changed; a failed one is tried again. `samples` reads the result.
 
     Args:
         jobs: As for `batch_jobs`.
-        out: Directory to write to, ``OUT/<kind>/<sample>.<ext>``, with the journal.
-        processes: 1 renders in this process. More are faster for many pictures, but start this
-            program again: it needs ``if __name__ == "__main__":``.
+        out: Directory to write to, ``OUT/<kind>/<sample>.<ext>``; it also gets the journal.
+        processes: Number of processes; 1 renders in this one. More are faster for many pictures.
+            They import the calling script again, which needs ``if __name__ == "__main__":``.
         threads: Threads of each process; None to use all cores.
         device: auto, cpu or cuda.
         memory: Bytes that each process may take; None for most of the available memory.
-        shard: Do only the k-th of n parts, ``(k, n)``; `defocus merge` joins them.
-        limit: Greatest number of jobs to do; the rest is left.
-        fail_fast: Whether to stop if a job fails.
-        overwrite: Whether to do all jobs again, also finished ones.
-        new_only: Whether to keep existing outputs, whatever changed.
-        hash_inputs: Whether to detect changed inputs by content, not only by size and time.
-        ended: Called with each job that ended and its record of the journal: ``status`` is ok or
-            failed, ``end`` has the reason or the picture.
+        shard: (k, n) to do only part k of n, from 1; `defocus merge` joins the parts.
+        limit: Greatest number of jobs to do now.
+        fail_fast: Whether to stop when a job fails.
+        overwrite: Whether to do all jobs again, even finished ones.
+        new_only: Whether to keep existing outputs even if inputs or settings changed.
+        hash_inputs: Whether to find changed inputs by content, not only by size and time.
+        ended: Function that is called with each job that ended and its record. The record has a
+            ``status``, ok or failed, and in ``end`` the outcome.
 
     Returns:
-        The numbers of all ``jobs``, of those finished before (``skipped``) and ``left``; of the
-        others by status, ``statuses["ok"]`` and ``["failed"]``, and by ``reasons``; ``seconds``.
+        A summary: the number of all ``jobs``, of those ``skipped`` as finished before, and of those
+            ``left``; the number of ended jobs by ``statuses``, ok and failed, and of failed ones by
+            ``reasons``; and the ``seconds`` taken.
 
     Raises:
-        InputError: A file cannot be read, or a foreign file is in the way.
+        InputError: A file cannot be read, or an output would replace a file of another program.
         UsageProblem: The jobs are invalid.
-        KeyboardInterrupt: Ctrl-C; begun pictures are finished first, unless it comes twice.
+        KeyboardInterrupt: Ctrl-C was pressed. Pictures in progress are finished first, unless it is
+            pressed twice.
     """
     if device not in DEVICES:
         remedy = f"choose from {', '.join(DEVICES)}"

@@ -59,7 +59,7 @@ def fit_files(
         blurred: The blurred picture; or its left and its right dual-pixel view.
         reading: Options for reading the depth.
         options: Known parameters, and what else to find.
-        progress: Function that is called with the number of steps done and of all steps.
+        progress: Function that is called with the number of renderings done and estimated in all.
     """
     import torch
 

@@ -241,7 +241,7 @@ def _write_preview(path: Path, contents: Contents) -> None:
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:
-    """The attributes ``defocus:*`` of an EXR output; without folders and time, to be reproducible."""
+    """The attributes ``defocus:*`` of an EXR output; without folders and time, for equal bytes."""
     job, lens = take.job, take.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()

@@ -1,1 +1,1 @@
-"""A finished batch as a data set: index, card, tars (here called shards), samples."""
+"""A finished batch as a data set: index, card, tar files (called shards here), and samples."""

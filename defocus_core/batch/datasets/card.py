@@ -1,7 +1,7 @@
-"""``OUT/README.md``: a finished batch for people, and for the `datasets` of Hugging Face.
+"""``OUT/README.md``: the dataset card of a finished batch, for people and for Hugging Face.
 
-Its head is the YAML of dataset cards, with the lists of the splits. A README.md without the line
-that names defocus as its author is not replaced.
+It begins with the YAML metadata of dataset cards, which names the lists of the splits. A README.md
+that was not written by defocus is not replaced.
 """
 
 from __future__ import annotations
@@ -33,10 +33,18 @@ def write(
     pictures: Collection[str],
     made_by: Collection[str],
 ) -> list[Path]:
-    """Write the README.md of ``count`` samples, unless OUT has a foreign one.
+    """Write the README.md of a data set, unless `out` has one that defocus did not write.
 
-    `lists`: name of the list of each split; `pictures`: patterns of the files to decode;
-    `made_by`: the program and versions that made them.
+    Args:
+        out: The folder of the data set.
+        origin: Title, licence, source and citation.
+        count: The number of samples.
+        lists: File name of the list of samples of each split.
+        pictures: Glob patterns of the picture files that `datasets` should load.
+        made_by: Versions of the programs that made the samples, as text.
+
+    Returns:
+        The path of the README.md; empty if it was not written.
     """
     if not is_free(out, README, lambda file: file.read(len(_OWN)) == _OWN.encode()):
         note(f"{out / README}: is not of this batch, and stays; no card is written for people")
@@ -74,11 +82,11 @@ def write(
 
 
 def _plain(text: str) -> str:
-    """A text in one line, escaped for Markdown."""
+    """A text in one line, with special characters of Markdown escaped."""
     return _MARKUP.sub(r"\\\g<0>", one_line(text))
 
 
 def _fenced(text: str, language: str) -> str:
-    """A text as a block of code, within a fence that does not occur in it."""
+    """A text as a Markdown code block, with a fence longer than any run of backticks in it."""
     fence = "`" * (1 + max(2, *map(len, re.findall("`+", text)), 0))
     return f"{fence}{language}\n{text}\n{fence}"

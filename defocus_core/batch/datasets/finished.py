@@ -1,11 +1,10 @@
-"""Samples of a finished batch for training scripts, without torch and without pixels.
+"""The samples of a finished batch, for training scripts; reads no pixels and imports no torch.
 
 ::
 
     from defocus_core import samples
 
-    for sample in samples("out"):
-        sample.files["render"], sample.files["coc"], sample.lens.fnum
+    for sample in samples("out"): sample.files["render"], sample.files["coc"], sample.lens.fnum
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES
 
 @dataclass(frozen=True)
 class Sample:
-    """One picture by one lens."""
+    """One picture rendered through one lens."""
 
     sample_id: str  # its name, the stem of its files
     files: Mapping[str, Path]  # by kind and label
@@ -43,11 +42,11 @@ class Sample:
 
 
 def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
-    """The samples of a finished batch in ``out``, sorted by name.
+    """Iterate over the samples of a finished batch in the folder ``out``, sorted by name.
 
     Raises:
-        InputError: there is no index in ``out``, as after an interrupted batch, or a line of it is
-            broken.
+        InputError: There is no index in ``out``, as after an interrupted batch, or one of its lines
+            is invalid.
     """
     with _opened(Path(out)) as lines:
         for number, line in enumerate(lines, 1):
@@ -55,10 +54,10 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
 
 
 class SampleList:
-    """Samples of a finished batch, read on access; the list holds a few bytes of each."""
+    """A sequence of samples of a finished batch, each read from the index on access."""
 
     def __init__(self, out: Path, wanted: Callable[[Mapping[str, Any]], bool]) -> None:
-        """Find the samples in ``out`` that are wanted by their lines of the index."""
+        """Read the index in the folder ``out``; list the samples whose entries are `wanted`."""
         self._out, offset, offsets = out, 0, array("q")
         with _opened(out) as lines:
             self._stamp = _stamp(lines)
@@ -74,7 +73,11 @@ class SampleList:
         return len(self._offsets)
 
     def __getitem__(self, index: int) -> Sample:
-        """The sample at a position; an error if the index has changed since."""
+        """Read a sample.
+
+        Raises:
+            InputError: The index was written again since the list was made.
+        """
         offset = self._offsets[index]
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:
@@ -98,14 +101,14 @@ def _opened(root: Path) -> Iterator[BinaryIO]:
 
 
 def _stamp(file: BinaryIO) -> tuple[int, int, int]:
-    """A stamp that changes when the index is written again."""
+    """Inode, size and modification time of a file, which change when it is replaced."""
     status = os.fstat(file.fileno())
     return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 @contextmanager
 def _told(root: Path, where: str) -> Iterator[None]:
-    """Name the line in errors of malformed samples."""
+    """Turn errors of a malformed sample into an InputError that names its line in the index."""
     try:
         yield
     except MALFORMED as error:

@@ -1,14 +1,16 @@
-"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample.
+"""The index of a finished batch, ``OUT/metadata.jsonl``: a JSON object per sample, one per line.
 
-``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
-further picture that they can decode is ``<kind>_file_name``. They call the column of ``file_name``
-image; with the sharp picture, whose kind is image, every key is ``<kind>_file_name`` instead. A key
-has one type in every line, null without a value, so that the index reads as a table. The index
-holds no time and no place of OUT.
+The index is written for `datasets` of Hugging Face, which can load a folder of images. Its first
+key is ``file_name``, the rendered picture; every other picture of a type that `datasets` decodes is
+``<kind>_file_name``. `datasets` names the column of ``file_name`` image. If the batch also copies
+its input pictures, whose kind is image, that name is taken; the first key is then
+``<kind>_file_name``, too. A key has the same type in all lines, or null, so that the index can be
+read as a table. It does not contain the time or the path of OUT.
 
-Beside it is the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
-head of README.md names them. A column that is null in one split would have two types there, so
-these lists, and tars, hold rows: the columns for which every sample has a value.
+Each split also has a list of its samples, ``OUT/<split>set.jsonl``, from which `datasets` loads it;
+README.md names these lists. If a column were null in all lines of one split, its type would differ
+between splits. Lists and tar files therefore have only the columns that have a value in every
+sample.
 """
 
 from __future__ import annotations
@@ -38,7 +40,10 @@ _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR de
 
 
 def newest(records: Iterable[Record]) -> Iterator[Record]:
-    """The newest record of each sample; records are sorted by name, oldest first."""
+    """The newest record of each sample, without failed ones.
+
+    `records` must be sorted by name of the sample, and oldest first for each.
+    """
     pictures = (r for r in records if r.completed and not r.outputs.keys().isdisjoint(KINDS))
     for _, mine in groupby(pictures, lambda record: record.sample_id):
         *_, last = mine
@@ -46,12 +51,12 @@ def newest(records: Iterable[Record]) -> Iterator[Record]:
 
 
 def is_own(out: Path, name: str = NAME) -> bool:
-    """Whether a list of samples in OUT is empty or, by its first line, that of a batch."""
+    """Whether a list of samples in `out` may be replaced: missing, empty, or written by a batch."""
     return is_free(out, name, lambda file: is_own_line(file.readline(_LONGEST_LINE)))
 
 
 def is_free(out: Path, name: str, is_own: Callable[[BinaryIO], bool]) -> bool:
-    """Whether a file of OUT is missing, or written by a batch."""
+    """Whether a file in `out` may be replaced: it is missing, or `is_own` accepts its content."""
     try:
         with Folder(out).open(name) as file:
             return is_own(file)
@@ -60,12 +65,12 @@ def is_free(out: Path, name: str, is_own: Callable[[BinaryIO], bool]) -> bool:
 
 
 def is_own_line(line: bytes) -> bool:
-    """Whether a line is empty or a line of an index."""
+    """Whether a line was written by this module, or is empty."""
     return not line or all(key in line for key in _OWN)
 
 
 def listed(out: Path) -> set[str] | None:
-    """The names of the samples in the index of OUT; None without an index of a batch."""
+    """The names of the samples in the index in `out`; None if there is no index of a batch."""
     with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         if is_own(out):
             with Folder(out).open(NAME) as file:
@@ -74,19 +79,19 @@ def listed(out: Path) -> set[str] | None:
 
 
 def split_lists(out: Path) -> Iterator[str]:
-    """The names of the lists of splits in OUT, without foreign ones."""
+    """The file names of the lists of splits in `out` that a batch has written."""
     with suppress(OSError):
         names = Folder(out).names()
         yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
 
 
 def line(entry: Mapping[str, Any]) -> bytes:
-    """A line of the index."""
+    """An entry as a line of JSON."""
     return _ENCODER.encode(entry).encode("utf-8", "replace") + b"\n"
 
 
 def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
-    """The entry of a sample in the index."""
+    """The entry in the index for the record of a sample."""
     completed = record.completed
     assert completed is not None  # of a sample
     own = completed.outputs
@@ -127,19 +132,19 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
 
 
 def made_by(record: Record) -> str:
-    """The program and versions that made a sample, in words."""
+    """The versions of the program, the renderer and the libraries that made a sample, as text."""
     renderer = f"renderer {record.renderer} ({record.end.back})"
     software = "" if record.completed is None else record.completed.software
     return ", ".join(filter(None, [f"defocus {record.version}", renderer, software]))
 
 
 def decoded(path: str) -> bool:
-    """Whether image libraries without EXR can decode a file of this name."""
+    """Whether `datasets` can decode a file of this name, as it has no decoder of EXR."""
     return path.endswith(_DECODED)
 
 
 def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
-    """A lens of the journal, with floats; infinity is 0 dioptres, and null in mm."""
+    """The fields of a lens in an index entry. An infinite focus is null in mm, and 0 in 1/m."""
     focus = None if lens["focus_mm"] in ("inf", None) else float(lens["focus_mm"])
     dioptres = None if lens["focus_mm"] is None else 0.0 if focus is None else MM_PER_M / focus
     optics = ("focal_length_mm", "fnumber", "sensor_width_mm")
@@ -165,7 +170,10 @@ _OF_LENS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_dioptres", "
 
 
 def row_of(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """An entry as a row of a table, each column of one type: effects are texts, empty if off."""
+    """The columns of an entry that have a value in every sample, each of the same type.
+
+    Lens effects that are off have their default, or an empty text.
+    """
     lens = {key: entry["lens"][key] for key in _OF_LENS}
     for name, default in EFFECTS.items():
         value = entry["lens"][name]
@@ -181,11 +189,11 @@ def list_line(entry: Mapping[str, Any]) -> bytes:
 
 
 def tar_line(entry: Mapping[str, Any]) -> bytes:
-    """The JSON of a sample in a tar: its row, and the hashes of its files."""
+    """The JSON of a sample in a tar: the columns of `row_of`, and the hashes of its files."""
     return line({**row_of(entry), "blake2b": entry["outputs_blake2b"]})
 
 
 def list_name(split: str) -> str:
-    """The name of the list of a split."""
+    """The file name of the list of samples of a split."""
     # `datasets` would take any name like "train.jsonl" for all of a split.
     return f"{split}set.jsonl"

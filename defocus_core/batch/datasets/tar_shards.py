@@ -1,10 +1,11 @@
-"""WebDataset shards of a finished batch: ``OUT/shards/samples-000000.tar``, ….
+"""WebDataset shards of a finished batch: tar files ``OUT/shards/samples-000000.tar`` and so on.
 
-Each split has its own shards, ``trainset-000000.tar``, …. Each sample is
-``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its row and the hashes of these.
-The key is the sample_id with _ for each dot, as readers of such tars split at the first dot. The
-same samples make the same bytes, and a shard that holds the lines of its samples is not packed
-again. Samples are sorted by name, or shuffled by the seed ``shuffle`` of ``[dataset]``.
+A split has shards of its own, like ``trainset-000000.tar``. A sample is stored as
+``<key>.<kind>.<ext>`` for each output and ``<key>.json`` for its metadata, with hashes of the
+outputs. The key is the sample_id with dots replaced by ``_``, as readers of such files split names
+at the first dot. Samples are sorted by name, or shuffled if ``[dataset]`` has a seed ``shuffle``.
+The bytes of a shard depend on its samples alone. A shard that already holds the right samples is
+not written again.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 @dataclass(frozen=True)
 class ShardSample:
-    """A sample in a tar: its JSON, and path and size of each file by its ending."""
+    """A sample to store in a tar: its key, its metadata as JSON, and path and size of each file.
+
+    Files are named by what follows the key in the tar, like ``render.exr``.
+    """
 
     key: str
     split: str  # empty for none
@@ -44,7 +48,7 @@ class ShardSample:
     files: Mapping[str, tuple[str, int]]
 
     def pack(self, out: Path, tar: tarfile.TarFile) -> None:
-        """Add the files to a tar, by name, without their times and owners."""
+        """Add the files of the sample to a tar, sorted by name, without their times and owners."""
         below = Folder(out)
         for end in sorted([*self.files, "json"]):
             data = self.line
@@ -56,7 +60,7 @@ class ShardSample:
 
     @property
     def packed(self) -> int:
-        """The size of the sample in a tar, in bytes."""
+        """The bytes that the sample takes in a tar."""
         sizes = {"json": len(self.line)} | {end: size for end, (_, size) in self.files.items()}
         headers = (_header(f"{self.key}.{end}", size) for end, size in sizes.items())
         named = sum(len(header.tobuf(tarfile.PAX_FORMAT)) for header in headers)
@@ -70,7 +74,10 @@ def _header(name: str, size: int) -> tarfile.TarInfo:
 
 
 def write(out: Path, limit: int) -> list[Path]:
-    """Pack the samples of the index of OUT into tars of at most ``limit`` bytes, or one sample."""
+    """Write the samples in the index in `out` to tar files; returns their paths.
+
+    A tar has at most ``limit`` bytes, unless a single sample is larger. Older shards are removed.
+    """
     below, kept = Folder(out), list[str]()
     for name, samples in _shards(_samples(out), limit):
         if _lines(below, f"{FOLDER}/{name}") != [sample.line for sample in samples]:
@@ -87,7 +94,10 @@ def write(out: Path, limit: int) -> list[Path]:
 
 
 def _lines(below: Folder, name: str, maximum: int | None = None) -> list[bytes] | None:
-    """The JSON of the first samples in a tar; None if it is missing, truncated, or not a tar."""
+    """The JSON of the first `maximum` samples in a tar, or of all.
+
+    None if the file is missing, truncated or not a tar.
+    """
     with (
         suppress(OSError, tarfile.TarError),
         below.open(name) as file,
@@ -100,14 +110,14 @@ def _lines(below: Folder, name: str, maximum: int | None = None) -> list[bytes] 
 
 
 def exist(out: Path) -> bool:
-    """Whether shards exist in OUT."""
+    """Whether there are shards in `out`."""
     with suppress(OSError):
         return any(map(_NAME.fullmatch, Folder(out).names(FOLDER)))
     return False
 
 
 def foreign(out: Path) -> str | None:
-    """The name of a foreign tar in the place of a shard; None if there is none."""
+    """The path of a tar that has the name of a shard but was not written by a batch, or None."""
     for name in filter(_NAME.fullmatch, Folder(out).names(FOLDER)):
         lines = _lines(Folder(out), f"{FOLDER}/{name}", 1)
         if not lines or not sample_index.is_own_line(lines[0]):
@@ -116,7 +126,7 @@ def foreign(out: Path) -> str | None:
 
 
 def _samples(out: Path) -> Iterator[ShardSample]:
-    """The samples of the index by split, sorted or shuffled, each read on access."""
+    """The samples in the index, grouped by split, in each sorted by name or shuffled."""
     shuffle = origin_of(out).shuffle
     with Folder(out).open(sample_index.NAME) as index:
         begins = [0, *accumulate(len(line) for line in index)]
@@ -136,7 +146,11 @@ def _samples(out: Path) -> Iterator[ShardSample]:
 
 
 def keys_of(names: Sequence[str], out: Path) -> list[str]:
-    """A key without dots for each sample."""
+    """The key of each sample in tars: its name, with ``_`` for dots.
+
+    Raises:
+        InputError: Two samples would have the same key.
+    """
     keys = [name.replace(".", "_") for name in names]
     if len({*keys}) < len(keys):
         key = Counter(keys).most_common(1)[0][0]
@@ -147,7 +161,7 @@ def keys_of(names: Sequence[str], out: Path) -> list[str]:
 
 
 def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:
-    """The name and the samples of each shard: as many of a split as fit."""
+    """Divide samples into shards of at most `limit` bytes; yields file name and samples of each."""
     for split, mine in groupby(samples, lambda sample: sample.split):
         # "train" between two separators would tell `datasets` that the folder has only that split.
         prefix = f"{split}set" if split else "samples"
@@ -168,7 +182,7 @@ def _size(out: Path, name: str) -> int:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Name a file that cannot be packed in the error, as it is gone or a link."""
+    """Turn an OSError, as of a missing file, into an InputError that names the file to pack."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A finished batch as a torch dataset: pictures, maps and lens of a sample as tensors."""
+"""A finished batch as a torch dataset, with pictures, maps and lenses as tensors."""
 
 from __future__ import annotations
 
@@ -28,17 +28,19 @@ Item = dict[str, Any]
 
 
 class BatchDataset(Dataset[Item]):
-    """The samples of a finished batch, for a `torch.utils.data.DataLoader` with any workers.
+    """The samples of a finished batch, for `torch.utils.data.DataLoader` with or without workers.
 
-    An item is a dictionary: of each kind a tensor float32 [C, H, W], scene-linear light of
-    pictures, numbers of maps as they are, radii in px; ``lens``, of scalar tensors ``fnum``,
-    ``foclen`` in mm, ``sensor_width`` in mm, that of the crop, and ``focus_dioptres`` in 1/m, 0 at
-    infinity; ``place``, int64 [4], the top row, the left column, the height and the width in px of
-    the crop in the sample; and ``sample_id``. If the batch had files of radii, the numbers of the
-    lens are NaN.
+    An item is a dictionary with these keys:
 
-    The loader shuffles, ``DataLoader(…, shuffle=True, generator=…)``. Crops depend on seed, epoch
-    and index, not on the process.
+      <kind>        float32 [C, H, W] for each kind: pictures in scene-linear light, maps in their
+                    own units, such as px for coc
+      lens          scalar tensors fnum; foclen and sensor_width in mm, the latter of the crop; and
+                    focus_dioptres in 1/m, 0 at infinity; NaN if the batch read files of radii
+      place         int64 [4]: top row, left column, height and width of the crop in px
+      sample_id     name of the sample
+
+    To shuffle, use ``DataLoader(…, shuffle=True, generator=…)``. Crops depend on seed, epoch and
+    index, but not on the process.
     """
 
     def __init__(
@@ -54,18 +56,18 @@ class BatchDataset(Dataset[Item]):
         """Read the index of a finished batch.
 
         Args:
-            out: Its folder.
-            kinds: Kinds of output, as render, left, right, coc; image and depth of a batch with
-                ``inputs = "copy"``; and carried labels, with unchanged numbers.
-            split: One of its splits; None for all samples.
-            crop: Height and width in px of a random crop of each sample, one number for a square;
-                None for the whole, which a loader can only join if all have one size.
-            seed: Of the crops.
-            transform: Function of an item, after the crop.
+            out: The output folder of the batch.
+            kinds: Kinds of output, like render, left, right or coc; also image and depth if the
+                batch has ``inputs = "copy"``, and labels, whose numbers are not converted.
+            split: Name of a split; None for all samples.
+            crop: Height and width in px of a random crop, or one number for a square. None for
+                whole pictures, which a loader can only batch if all have the same size.
+            seed: Seed of the random crops.
+            transform: Function that is applied to each item after the crop.
 
         Raises:
-            InputError: There is no index, or no sample has all of the kinds or is in the split, or
-                one is smaller than the crop.
+            InputError: There is no index, no sample of the split has all of the kinds, or a sample
+                is smaller than the crop.
             UsageProblem: A kind is unknown.
         """
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
@@ -98,27 +100,27 @@ class BatchDataset(Dataset[Item]):
         self._rank = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the epoch, counted from 0, whose crops are then the same in every process.
+        """Set the epoch, from 0, so that its crops are the same in every process.
 
-        Without it, each further access of a sample draws another crop, and so does each process of
-        a distributed training.
+        If it is not set, every access of a sample draws a new crop, different in each process of
+        distributed training.
         """
         self._times_read[:-1] = 0
         self._times_read[-1] = epoch
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state for processes of a loader, which do not know their rank."""
+        """The state to pickle for processes of a loader, with the rank, which they do not know."""
         return self.__dict__ | {"_rank": self._rank or _rank()}
 
     def __len__(self) -> int:
         return len(self.samples)
 
     def __getitem__(self, index: int) -> Any:
-        """The item of a sample.
+        """The item of a sample, cropped and transformed.
 
         Raises:
-            InputError: A file cannot be read, or differs in size from the index.
-            IndexError: There are fewer samples.
+            InputError: A file cannot be read, or its size differs from that in the index.
+            IndexError: There is no sample of this index.
         """
         sample = self.samples[index]
         width, height = sample.size
@@ -142,7 +144,7 @@ class BatchDataset(Dataset[Item]):
     def _drawn(
         self, index: int, size: tuple[int, int], crop: tuple[int, int]
     ) -> tuple[slice, slice]:
-        """Rows and columns of a crop."""
+        """Draw rows and columns of a random crop; `size` and `crop` are (height, width) in px."""
         index = range(len(self))[index]
         epoch, times = int(self._times_read[-1]), int(self._times_read[index])
         self._times_read[index] += 1
@@ -155,7 +157,7 @@ class BatchDataset(Dataset[Item]):
 
 
 def _rank() -> int:
-    """The number of this process in a distributed training, else 0."""
+    """The rank of this process in distributed training; else 0."""
     if torch.distributed.is_available() and torch.distributed.is_initialized():
         return torch.distributed.get_rank()
     return int(os.environ.get("RANK", 0))
@@ -170,7 +172,7 @@ def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) ->
 
 
 def _planes(path: Path, kind: str) -> Any:
-    """The planes of an output [C, H, W], float32; those of a label, integers as int32."""
+    """Read an output as [C, H, W], float32; integer labels as int32."""
     row = KINDS.get(kind)
     if row is not None and row.image:
         views = [read_color(path, view=view).pixels for view in row.views or [None]]
@@ -195,18 +197,18 @@ _NUMBERS = {
 
 
 def _lens(told: Mapping[str, float | None], fraction: float = 1.0) -> dict[str, Tensor]:
-    """The numbers of the lens for a fraction of the width of its sensor."""
+    """The lens as scalar tensors, from an index entry; the sensor width is scaled by `fraction`."""
     values = {name: math.nan if (v := told[key]) is None else v for name, key in _NUMBERS.items()}
     values["sensor_width"] *= fraction
     return {name: torch.tensor(float(value)) for name, value in values.items()}
 
 
 def decode_sample(sample: Mapping[str, Any]) -> Item:
-    """The item of a sample of a tar, as of `BatchDataset`, without a crop.
+    """Decode a sample of a shard to an item like those of `BatchDataset`, without a crop.
 
     Args:
-        sample: The bytes of each file by its ending, as ``render.png`` and ``json``, from
-            `webdataset` or `datasets` with undecoded images; other keys are ignored.
+        sample: The bytes of each file by its ending, like ``render.png`` and ``json``, as given by
+            `webdataset`, or by `datasets` without decoding of images. Other keys are ignored.
 
     Raises:
         InputError: A file cannot be read.

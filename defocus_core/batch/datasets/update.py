@@ -1,8 +1,8 @@
-"""The dataset in OUT: the beginning of a run removes the index, and its end writes it.
+"""Update of a data set: a run removes the index before samples change, and writes it at the end.
 
-An existing index is valid. It lists the jobs of the batch: a picture or lens that was removed from
-the jobs file is not listed, though its files stay. If several jobs files write to one OUT, the last
-one counts; `defocus merge` lists all.
+If there is an index, it is therefore valid. It lists the jobs of the last jobs file that was run;
+samples of pictures or lenses that this file does not have are not listed, though their files stay.
+`defocus merge` lists all samples in OUT.
 """
 
 from __future__ import annotations
@@ -25,7 +25,11 @@ from defocus_core.system.text import counted, note
 
 
 def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) -> None:
-    """Refuse an OUT whose index, or shards if samples are packed, are foreign."""
+    """Raise InputError if the index, a list or a shard in `out` was not written by a batch.
+
+    `splits` are the names of the splits; `packed` the names of the samples to write to shards, or
+    None.
+    """
     lists = [sample_index.NAME, *map(sample_index.list_name, sorted(splits - {""}))]
     names = [name for name in lists if not sample_index.is_own(out, name)]
     if packed is not None:
@@ -38,7 +42,7 @@ def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) ->
 
 
 def withdraw(out: Path) -> set[str] | None:
-    """Remove the index before samples change; returns its names, None without an index."""
+    """Remove the index before samples change; returns the names of its samples, None if missing."""
     names = sample_index.listed(out)
     if names is not None:
         for name in (sample_index.NAME, *sample_index.split_lists(out)):
@@ -50,10 +54,12 @@ def withdraw(out: Path) -> set[str] | None:
 def index(
     out: Path, shards_size: int | None = None, asked: Collection[str] | None = None
 ) -> list[Path]:
-    """Write the index, its card, and tars if requested.
+    """Write the index, the lists of splits, the card and, if requested, shards; returns the paths.
 
-    `shards_size`: greatest size of a tar in bytes; None for no tars; `asked`: names of the samples
-    to list, as far as they are done; None for all in OUT.
+    Args:
+        out: The output folder of the batch.
+        shards_size: Greatest size of a shard in bytes; None to write none.
+        asked: Names of the samples to list, if they are finished; None for all in `out`.
     """
     records = Ledger(out).records(asked)
     if asked is None:
@@ -68,7 +74,7 @@ def index(
 
 
 def _written(out: Path, records: Iterable[Record]) -> list[Path]:
-    """Write the index, the list of each split, and the card."""
+    """Write the index, the list of each split, and the card; returns the paths."""
     count, origin = 0, origin_of(out)
     lists, pictures, made_by = dict[str, BinaryIO](), set[str](), set[str]()
     with ExitStack() as stack:
@@ -94,7 +100,7 @@ def _written(out: Path, records: Iterable[Record]) -> list[Path]:
 
 
 def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
-    """The records of samples whose files are all in OUT; a note counts the other samples."""
+    """The records of samples whose files all exist; a note tells how many samples lack files."""
     gone = list[str]()
     for name, mine in groupby(records, lambda record: record.sample_id):
         every = [*mine]

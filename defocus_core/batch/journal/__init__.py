@@ -1,1 +1,1 @@
-"""What a batch has done: records in a journal, its lock, identity of jobs, progress."""
+"""What a batch has done: records in a journal, its lock, identity of jobs, and progress."""

@@ -1,11 +1,12 @@
-"""The journal of OUT: a durable JSON line for each job that ended.
+"""The journal of a batch: a file to which a record, a line of JSON, is appended when a job ends.
 
-``OUT/journal.jsonl`` holds the records of a single process, ``OUT/journal-2of8.jsonl`` later ones
-of that shard of a batch. A last line that is not JSON is a record whose writer died: it is ignored,
-and cut off before the next record is appended. Of several records of a file, the last one counts.
+``OUT/journal.jsonl`` has the records of runs of the whole batch, ``OUT/journal-2of8.jsonl`` later
+ones of a shard, a part of the batch. If the last line is incomplete, its writer was killed: the
+line is ignored, and cut off before another one is appended. If several records name the same file,
+the last one is valid.
 
-A line holds the fields of `record`. A `Ledger` reads lines as a stream, and keeps the offset of
-each record.
+The module `record` defines the fields of a line. A `Ledger` reads all lines once, and keeps their
+offsets to read records again.
 """
 
 from __future__ import annotations
@@ -38,33 +39,33 @@ NO_JSON = (DecodeError, UnicodeDecodeError, RecursionError)
 
 
 class Shard(NamedTuple):
-    """The part of a batch that one process does: ``number`` of ``of``, from 1."""
+    """The part of a batch that one run does: part ``number``, from 1, ``of`` all."""
 
     number: int
     of: int
 
 
 def journal_path(out: Path, shard: Shard | None = None) -> Path:
-    """The journal of OUT, or of a shard."""
+    """The path of the journal of the whole batch, or of a shard."""
     return out / (f"journal-{shard.number}of{shard.of}.jsonl" if shard else "journal.jsonl")
 
 
 def shards(out: Path) -> list[Shard]:
-    """The shards that have begun in OUT."""
+    """The shards that have a journal, a note of a run or a lock in `out`, sorted."""
     names = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
     found = {Shard(int(name[1]), int(name[2])) for name in names if name}
     return sorted(shard for shard in found if 1 <= shard.number <= shard.of <= MAX_SHARDS)
 
 
 def require_journal(out: Path, pattern: str = "journal*.jsonl") -> None:
-    """Refuse a directory that no batch has written to."""
+    """Raise InputError if `out` has no file that matches `pattern`, and so no batch."""
     if not any(out.glob(pattern)):
         remedy = "name the directory that a batch writes to"
         raise InputError("empty", "has no journal", remedy, path=out)
 
 
 class JournalFile:
-    """The lines of a journal, in order, or by offset."""
+    """A journal to read, line by line or at an offset. A missing file is like an empty one."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.end = path, 0  # the latter in bytes, of the lines that were read
@@ -78,7 +79,11 @@ class JournalFile:
             raise cannot_read(path, error, "check its permissions, or copy it again") from error
 
     def lines(self) -> Iterator[tuple[int, Record, bytes]]:
-        """Offset, record and text of each line, except blank lines and a torn last line."""
+        """Yield offset in bytes, record and text of each line, without an incomplete last line.
+
+        Raises:
+            InputError: Another line is not a record.
+        """
         linked, lines = linked_folders(self.path.parent), enumerate(self._file or (), 1)
         for number, text in lines:
             begin = self.end
@@ -104,22 +109,23 @@ class JournalFile:
             raise InputError("damaged", f"line {number}{named} {fault}", remedy, path=self.path)
 
     def record(self, begin: int) -> Record:
-        """The record of a line that was read before."""
+        """Read again the record at an offset in bytes, as given by `lines`."""
         assert self._file is not None
         self._file.seek(begin)
         return record_of(self._file.readline())
 
 
 class Ledger:
-    """The records of the journals of OUT; the last record of a file counts.
+    """All records in the journals of an output folder, numbered from 0, oldest first.
 
-    A record names all files that its job writes. A record of pictures is superseded when later
-    records name all of its files but previews; a record without outputs, as soon as another one
-    names any of its files. The ledger keeps the files and the offset of a record, some 300 bytes.
+    A record names all files that its job writes. If several name the same file, the last is valid.
+    A record of an ok job is superseded when later records name all of its files except previews;
+    that of a failed job, when a later one names any of its files. About 300 bytes per record are
+    kept in memory; the rest is read again when needed.
     """
 
     def __init__(self, out: Path, *, is_empty: bool = False) -> None:
-        """Read the journal of OUT, then those of shards; read none if `is_empty`."""
+        """Read the journal in `out`, then those of shards; nothing if `is_empty`."""
         self.out = out
         self.splits: dict[str, tuple[str, ...]] = {}  # those that pictures were in, by their stems
         self.last: dict[str, int] = {}  # number of the valid record by file, relative to OUT
@@ -157,7 +163,7 @@ class Ledger:
                 self.splits[stem] += (record.split,)
 
     def end_of(self, path: Path) -> int:
-        """The offset behind the last record of a journal."""
+        """The offset in bytes of the end of the last record in a journal file; 0 if it has none."""
         return next((reader.end for reader in self._journals if reader.path == path), 0)
 
     def counts(self) -> Counter[str]:
@@ -165,24 +171,24 @@ class Ledger:
         return Counter(self._samples)
 
     def is_ok(self, number: int | None) -> bool:
-        """Whether a record has pictures; false without a record."""
+        """Whether a record is that of an ok job; False for None."""
         return number is not None and self.outcomes[number].status == "ok"
 
     def is_known(self, path: str) -> bool:
-        """Whether a record lists a file, relative to OUT, as written."""
+        """Whether an ok job has written a file; `path` is relative to the output folder."""
         return path in self._once or self.is_ok(self.last.get(path))
 
     def number_of(self, paths: Iterable[str]) -> int | None:
-        """The number of the record that is the last of each of these files, or None."""
+        """The number of the record that is valid for all of these files; None if there is none."""
         number, *others = {self.last.get(path) for path in paths}
         return None if others else number
 
     def record(self, number: int) -> Record:
-        """The record of a number."""
+        """Read a record by its number."""
         return self._journals[self._of[number]].record(self._begins[number])
 
     def live(self) -> Iterator[int]:
-        """The numbers of the records that are not superseded, oldest first."""
+        """The numbers of the records that are not superseded, in ascending order."""
         own = Counter(self.last.values())
         shown = {n for path, n in self.last.items() if not path.endswith(_PREVIEW)}
         for number, files in enumerate(self._files):
@@ -190,7 +196,11 @@ class Ledger:
                 yield number
 
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
-        """The live records by name, oldest first, with their live outputs; `only`: some names."""
+        """Yield the records that are not superseded, sorted by sample, oldest first for each.
+
+        Outputs that a later record has replaced are left out. `only`: names of samples, None for
+        all.
+        """
         wanted = (n for n in self.live() if only is None or self._samples[n] in only)
         for number in sorted(wanted, key=self._samples.__getitem__):
             record = self.record(number)
@@ -199,7 +209,7 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """Status, reason and back of a job, as counted by `status`."""
+    """How a job ended: status, reason of a failure, and the back that rendered (torch, compiled)."""
 
     status: str
     reason: str | None
@@ -207,7 +217,7 @@ class Outcome(NamedTuple):
 
 
 def input_path(path: Path, out: Path) -> str:
-    """The path of an input in a journal: as given if absolute, else relative to OUT."""
+    """The path of an input as written to a journal: relative to `out`, unless given as absolute."""
     text = str(path)
     if path.is_absolute():
         return text
@@ -217,18 +227,22 @@ def input_path(path: Path, out: Path) -> str:
 
 @lru_cache(maxsize=1024)
 def _input_folder(folder: str, out: Path, base: str) -> str:
-    """A folder relative to OUT, with a slash at its end; both paths are relative to ``base``."""
+    """A folder relative to `out`, with a trailing slash; both are given relative to ``base``."""
     there, here = (os.path.realpath(os.path.join(base, path)) for path in (folder, out))  # noqa: PTH118
     return "" if there == here else f"{os.path.relpath(there, here)}/"
 
 
 class Journal:
-    """A journal to append records to. Its one writer holds the lock of OUT."""
+    """A journal to append records to. Only the process that holds the lock of `out` may do so."""
 
     def __init__(self, path: Path, end: int, began: Callable[[], bool] = lambda: False) -> None:
-        """Open the journal; closed without a record, it is removed unless `began` is true.
+        """Open the journal for appending.
 
-        `end`: the offset behind the last record; what follows was torn when its writer died.
+        Args:
+            path: The journal file; it need not exist.
+            end: End of the last complete record in bytes. What follows it is cut off.
+            began: Tells on closing whether outputs exist. If no record was appended to a new
+                journal and it returns False, the file is removed.
         """
         self.path, self._new, self._began = path, end == 0, began
         try:
@@ -240,7 +254,7 @@ class Journal:
             raise unwritable(path, error) from error
 
     def append(self, record: Record) -> None:
-        """Append a record, which is durable when this returns."""
+        """Append a record, which is safe on disk when this returns."""
         line = line_of(record)
         end = os.fstat(self._number).st_size
         try:

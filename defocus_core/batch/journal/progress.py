@@ -1,4 +1,4 @@
-"""The progress of a batch: jobs by outcome, open runs, and shards, which `merge` joins."""
+"""The progress of a batch: finished jobs, unfinished runs and shards; and merging of shards."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from defocus_core.system.text import note
 
 @dataclass
 class Progress:
-    """Progress of a batch, as `status` tells it in JSON."""
+    """The progress of a batch, with the fields of ``defocus status --json``."""
 
     jobs: int
     left: int  # jobs of open runs that are not done
@@ -36,7 +36,7 @@ class Progress:
 
 
 def progress(out: Path, failures: int) -> Progress:
-    """Read the journals of OUT as a stream, without a lock, and keep the last failures."""
+    """Read the progress of the batch in `out`, with its last `failures` failures; needs no lock."""
     require_journal(out, "*journal*.[jr]*")
     divided = shards(out)
     parts = (None, *divided)
@@ -68,7 +68,11 @@ def progress(out: Path, failures: int) -> Progress:
 
 
 def merge(out: Path) -> tuple[int, int, list[str]]:
-    """Merge the journals of shards; returns counts of jobs and journals, and shards without one."""
+    """Merge the journals of all shards into one.
+
+    Returns:
+        The number of jobs, the number of merged journals, and the shards without one, like "3/8".
+    """
     require_journal(out)
     with locked(out):
         parts = gather(out)

@@ -1,10 +1,11 @@
-"""The record of a job, a line of a journal: request, inputs, outputs and outcome.
+"""The record of a job, which is a line of the journal: request, inputs, outputs and outcome.
 
-`record_of` makes a `Record` of a line, and `line_of` the line of one: the fields of `Asked`, and
-those of `Completed` or `Failed`, as its status says. ``defocus help batch`` explains them.
-Journals are not trusted: type, range and finiteness of each value are checked.
-An output must be a file in the folder of its kind in OUT, since outputs are packed into shards, and
-removed when replaced. Index and ``--json`` are views of records.
+`record_of` parses a line, `line_of` writes one. A line has the fields of `Asked` and, depending on
+its status, those of `Completed` or `Failed`, as described in ``defocus help batch``. The index of a
+data set and ``--json`` take their values from records.
+
+Journals may come from other people, so types and ranges of all values are checked. The path of an
+output must be a file in the folder of its kind in OUT, as outputs may be removed or packed.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ Moment = Annotated[datetime, Meta(tz=True)]  # a time without a zone cannot be c
 
 
 class Stamp(Struct, frozen=True, omit_defaults=True):
-    """The identity of a file, to detect changes."""
+    """Path, size, time and hash of a file, by which changes are found."""
 
     path: str = ""  # an output relative to OUT; an input as given if absolute, else relative to OUT
     size: int | None = None  # bytes
@@ -55,7 +56,7 @@ Stamps = Mapping[str, Stamp]  # by role of an input, or kind of an output and ki
 
 
 class Completed(Struct, frozen=True, kw_only=True):
-    """A rendered picture, whose outputs are in place."""
+    """The outcome of a job whose outputs were written."""
 
     inputs: dict[str, Stamp]
     outputs: dict[str, Stamp]
@@ -78,7 +79,7 @@ class Completed(Struct, frozen=True, kw_only=True):
 
 
 class Failed(Struct, frozen=True):
-    """A job without outputs."""
+    """The outcome of a job that failed and wrote no outputs."""
 
     reason: str
     message: str
@@ -92,7 +93,7 @@ class Failed(Struct, frozen=True):
     seconds: ClassVar[Mapping[str, float]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The state for other processes, without the exception, which may not pickle."""
+        """Pickle without the exception, which other processes may not be able to load."""
         return Failed, (self.reason, self.message, self.inputs, self.outputs, self.trace)
 
 
@@ -101,7 +102,7 @@ _UNKEPT = ("end", "stats", "trace", "error")
 
 
 class Asked(Struct, frozen=True, kw_only=True):
-    """The request of a job."""
+    """The request of a job: its settings, and the program that did it."""
 
     sample_id: Annotated[str, Meta(pattern="^[^/]*$")]
     split: Annotated[str, Meta(pattern=rf"^(?:{SPLIT_NAME.pattern})?\Z")] = ""  # empty for none
@@ -115,33 +116,36 @@ class Asked(Struct, frozen=True, kw_only=True):
 
 
 class Record(Asked, frozen=True, kw_only=True):
-    """The request and outcome of a job."""
+    """The request and the outcome of a job."""
 
     end: End
 
     @property
     def completed(self) -> Completed | None:
-        """The picture; None for a failed job."""
+        """The outcome if the job is ok, else None."""
         return self.end if isinstance(self.end, Completed) else None
 
     @property
     def inputs(self) -> Stamps:
-        """The inputs by role."""
+        """The stamps of the inputs by role."""
         return self.end.inputs
 
     @property
     def outputs(self) -> Stamps:
-        """The outputs by kind, or kind.preview; for a failed job only the paths."""
+        """The stamps of the outputs by kind or ``<kind>.preview``; only paths if the job failed."""
         return self.end.outputs
 
     def with_files(self, *, inputs: Stamps | None = None, outputs: Stamps | None = None) -> Record:
-        """The record with other inputs or outputs."""
+        """The record with its inputs or outputs replaced."""
         end = replace(self.end, inputs=inputs or self.inputs, outputs=outputs or self.outputs)
         return replace(self, end=end)
 
 
 class _Lens(Struct):
-    """The fields of `lens_record` except effects; None with a file of radii."""
+    """The types of the fields of `lens_record`, without optional effects.
+
+    Optical values are None if radii came from a file.
+    """
 
     focal_length_mm: Number
     fnumber: Number
@@ -155,7 +159,7 @@ class _Lens(Struct):
 
 
 class _Settings(Struct):
-    """The settings that are read; others are only compared."""
+    """The types of those settings in a record that are read; the others are only compared."""
 
     stem: str = ""
     lens: dict[str, Any] | None = None
@@ -166,10 +170,12 @@ _ASKED, _COMPLETED, _FAILED = Decoder(Asked), Decoder(Completed), Decoder(Failed
 
 
 def record_of(line: bytes, linked: frozenset[str] = frozenset()) -> Record:
-    """The record of a line; refuses outputs below `linked`, the names of links in OUT.
+    """Parse and check a line of a journal.
+
+    `linked` are names of symbolic links in OUT; outputs in such folders are refused.
 
     Raises:
-        ValidationError: It is JSON, but not a record.
+        ValidationError: It is JSON, but not a valid record.
         DecodeError, UnicodeDecodeError, RecursionError: It is not JSON.
     """
     asked = _ASKED.decode(line)
@@ -188,7 +194,10 @@ def record_of(line: bytes, linked: frozenset[str] = frozenset()) -> Record:
 
 
 def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
-    """The fault of the path of an output in OUT, which may be of a label in `inputs`; or None."""
+    """What is wrong with the path of an output, relative to OUT; None if it is valid.
+
+    It must be ``<kind>/<name>``, or ``<label>/<name>`` with a label that is among the `inputs`.
+    """
     fault = path_fault(path)
     if fault is not None:
         return fault
@@ -198,12 +207,12 @@ def output_fault(path: object, inputs: Mapping[str, object]) -> str | None:
 
 
 def linked_folders(out: Path) -> frozenset[str]:
-    """The names of links in OUT, which are not accepted as folders of outputs."""
+    """The names of symbolic links in `out`, which are not accepted as folders of outputs."""
     return frozenset(name for name in Folder(out).names() if (out / name).is_symlink())
 
 
 def _require_lens(lens: dict[str, Any]) -> None:
-    """Refuse a lens that cannot be put into words; effects are checked by their rows."""
+    """Raise ValidationError if a lens in a record has wrong types, or cannot be shown as text."""
     convert(lens, _Lens)
     effects = (value for key, value in lens.items() if key not in _Lens.__struct_fields__)
     try:
@@ -215,26 +224,26 @@ def _require_lens(lens: dict[str, Any]) -> None:
 
 
 def line_of(record: Record) -> bytes:
-    """The line of a record."""
+    """A record as a line of a journal."""
     values = {**asdict(record), **asdict(record.end)}
     return encode({k: v for k, v in values.items() if k not in _UNKEPT}) + b"\n"
 
 
 def now() -> datetime:
-    """The time in UTC, as in records."""
+    """The present time in UTC, in whole milliseconds."""
     moment = datetime.fromtimestamp(time.time(), UTC)
     return moment.replace(microsecond=moment.microsecond // 1000 * 1000)
 
 
 def failure(error: Exception, stage: Stage, inputs: Stamps) -> Failed:
-    """The end of a job with an exception in a stage."""
+    """The outcome of a job that raised an exception in `stage`; `inputs` are stamps by role."""
     reason = _reason(error, stage)
     trace = "".join(traceback.format_exception(error)) if reason == "fault" else ""
     return Failed(reason, error_line(error), dict(inputs), trace=trace, error=error)
 
 
 def error_line(error: BaseException) -> str:
-    """An exception in one line, ``SUBJECT: problem; remedy`` for mistakes of users."""
+    """An exception as one line; for users' mistakes, ``SUBJECT: problem; remedy``."""
     if isinstance(error, DefocusError):
         return str(error)
     if isinstance(error, OSError) and error.filename:

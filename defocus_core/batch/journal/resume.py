@@ -1,14 +1,15 @@
-"""Reasons to do a job again: changed settings, inputs, outputs or renderer.
+"""Whether a job must be done again, because settings, inputs, outputs or renderer changed.
 
-A job is done again if it failed, if its request changed, if an input has other bytes, if an output
-is not as it was written, or if the version of the renderer changed; `AGAIN` has the words.
+A job is done again if it failed, if its settings changed, if the content of an input changed, if an
+output is missing or was changed, or if the version of the renderer changed. `AGAIN` has the
+messages.
 
-The recipe is the hash of everything that decides its outputs except the contents of the inputs:
-lens, reading, kinds and types of outputs, quality, the names of its files, and the version of the
-renderer. Device, threads, the path of OUT and the time are not part of it.
+The recipe of a job is the hash of all that determines its outputs, except the content of the
+inputs: lens, options of reading, kinds and formats of outputs, quality, file names, and the version
+of the renderer. It does not depend on device, threads, time or the path of OUT.
 
-A file counts as unchanged if its size and time of modification are those recorded, or if only its
-time differs and its bytes have the recorded hash, so that a copied data set is not rendered again.
+A file is unchanged if it has the recorded size and modification time. If only the time differs, its
+hash is compared, so that a data set may be copied without being rendered again.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ _PLAIN = frozenset({str, int, bool, type(None)})
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
 def _plain(value: LensValues | Reading | Outputs) -> dict[str, Any]:
-    """A part of a job as plain values, without places."""
+    """A part of a job as JSON values, without paths and places."""
     return {k: v for k, v in plain(value).items() if k not in _PLACES}
 
 
 def settings(job: Job) -> dict[str, Any]:
-    """The settings of a job as plain values, without its inputs, OUT and the machine."""
+    """The settings of a job as JSON values, without inputs, output folder and machine."""
     found: dict[str, Any] = {
         "stem": job.picture.stem,
         "suffix": job.suffix,
@@ -72,7 +73,7 @@ def settings(job: Job) -> dict[str, Any]:
 def changed_settings(
     old: Mapping[str, Any], new: Mapping[str, Any]
 ) -> Iterator[tuple[str, object, object]]:
-    """The name, like lens.fnum, the old and the new value of each setting that differs."""
+    """Yield name, like lens.fnum, old value and new value of each setting that differs."""
     was, now = _flat(old), _flat(new)
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
@@ -80,7 +81,7 @@ def changed_settings(
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Nested settings by dotted names."""
+    """Flatten nested settings; keys are joined by dots, after the prefix `before`."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -91,19 +92,22 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def recipe(job: Job, renderer: int | None = RENDERER_VERSION) -> str:
-    """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
+    """The hash of all that determines the outputs of a job, except the content of its inputs."""
     names = {role: path.name for role, path in job.files.items()}
     text = _ENCODER.encode({"settings": settings(job), "names": names, "renderer": renderer})
     return blake2b(text.encode(), digest_size=DIGEST).hexdigest()
 
 
 def versions() -> dict[str, Any]:
-    """The versions of the package and of the renderer, as records have them."""
+    """The versions of the package and of the renderer, as fields of a record."""
     return {"version": version(), "renderer": RENDERER_VERSION}
 
 
 def stamp(path: Path, root: Path | None = None) -> Stamp:
-    """Size, time of modification and hash of a file; no link is followed below `root`, if given."""
+    """The stamp of a file: size, modification time and hash.
+
+    With `root`, a folder that contains the file, symbolic links below it are not followed.
+    """
     below = root and path.relative_to(root).as_posix()
     with Folder(root).open(below) if root and below else open_plain(path) as file:
         hashed = file_digest(file, partial(blake2b, digest_size=DIGEST))  # type: ignore[arg-type]  # it has readinto
@@ -112,7 +116,10 @@ def stamp(path: Path, root: Path | None = None) -> Stamp:
 
 
 def settled_stamp(path: Path) -> Stamp:
-    """The `stamp` of a file, without a time so recent that a later change could share it."""
+    """The stamp of a file, without its modification time if that is very recent.
+
+    A change of the file in the same tick of the clock would not change that time.
+    """
     status = path.stat()
     if abs(time.time_ns() - status.st_mtime_ns) < CLOCK_TICK:
         return replace(stamp(path), mtime_ns=None)
@@ -125,7 +132,7 @@ def _stamped(path: Path, *_status: int) -> Stamp:
 
 
 def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
-    """Whether a file is as it was recorded; `read` compares its bytes in any case."""
+    """Whether a file is as recorded; `read` compares its hash even if size and time agree."""
     try:
         status = os.stat(path)  # noqa: PTH116 - it is asked of each file of all jobs
         if status.st_size != recorded.size:
@@ -138,7 +145,7 @@ def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
+    """A value as JSON values: dataclasses become dictionaries without defaults, paths text."""
     if type(value) in _PLAIN:  # most are
         return value
     if isinstance(value, float):
@@ -169,11 +176,17 @@ AGAIN = {
 
 
 def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> tuple[str | None, Stamps | None]:
-    """The reason to do a job again, in words, empty if it is new; None if it is done.
+    """Decide whether a job must be done, and whether its record must be updated.
 
-    The second value has the moved inputs of a finished job whose record must be updated (empty if
-    only the split changed), else it is None.
-    `read_inputs`: compare the bytes of the inputs, not only size and time.
+    Args:
+        job: The job.
+        ledger: The records in its output folder.
+        read_inputs: Whether to compare the content of inputs, even if size and time agree.
+
+    Returns:
+        The reason to do it, as text, empty for a new job; None if it is finished. Then, for a
+        finished job whose record must be updated, the stamps of inputs that were moved (empty if
+        only the split changed); else None.
     """
     names = job.names
     number = ledger.number_of(names.values())
@@ -197,7 +210,7 @@ def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> tuple[str | None,
 
 
 def _changed(job: Job, record: Record) -> str:
-    """The reason to do a job again regardless of its files, a key of `AGAIN`, or empty."""
+    """The reason to do a job again that is known from its record: a key of `AGAIN`, or empty."""
     if record.status == "failed":
         return "failed"
     if record.recipe == recipe(job):
@@ -209,7 +222,7 @@ def _changed(job: Job, record: Record) -> str:
 
 
 def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[str, Stamp] | None:
-    """The stamps of the inputs that have moved, by role; None if an input has changed."""
+    """The stamps of inputs that are now at another path, by role; None if an input has changed."""
     moved = {}
     for role, path in job.files.items():
         stamp = record.inputs.get(role, Stamp())
@@ -225,7 +238,10 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
 
 
 def other_words(job: Job, record: Record, out: Path, *, keep_lenses: bool) -> str:
-    """Words on the other picture or, with ``keep_lenses``, lens of a record; empty if the same."""
+    """How the picture in a record differs from that of a job, as text; empty if it does not.
+
+    It differs if another colour file was used or, with ``keep_lenses``, another lens or view.
+    """
     before = out.resolve() / record.inputs["color"].path
     if before.exists() and before.resolve() != job.picture.color.resolve():
         return f"made of another picture, {before.resolve()}"

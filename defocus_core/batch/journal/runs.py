@@ -1,9 +1,9 @@
-"""Runs on OUT: the lock of its writer, the notes of runs, and leftovers of killed ones.
+"""Runs of a batch: their lock files, their notes of unfinished jobs, and files of killed runs.
 
-The system holds the lock on the file, and releases it when the process ends in any way.
-``.journal.lock`` is for all of OUT, ``.journal-2of8.lock`` for a shard of a batch. Only shards of
-one division may run at the same time. A run notes the names of its jobs in ``OUT/.journal.run``,
-until all are done.
+``.journal.lock`` locks the whole output folder OUT, ``.journal-2of8.lock`` a shard of the batch.
+The system releases a lock when its process ends, in whatever way. Shards may run at the same time
+only if they are parts of the same number. Until a run has done all its jobs, their names are noted
+in ``OUT/.journal.run``.
 """
 
 from __future__ import annotations
@@ -44,13 +44,16 @@ INDEX, SHARDS_FOLDER = "metadata.jsonl", "shards"  # temporary files of a data s
 
 
 def lock_path(out: Path, shard: Shard | None = None) -> Path:
-    """The lock file of OUT, or of a shard."""
+    """The path of the lock file of `out`, or of a shard."""
     return out / (f".journal-{shard.number}of{shard.of}.lock" if shard else ".journal.lock")
 
 
 @contextmanager
 def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
-    """Hold the lock of an existing OUT, or of a shard, in the block; yields a check of it."""
+    """Hold the lock of `out`, or of a shard, during the block.
+
+    Yields a function that raises InputError if the lock file was removed.
+    """
     path = lock_path(out, shard)
 
     def require_held() -> None:
@@ -67,7 +70,7 @@ def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
 
 
 def holder(path: Path) -> str | None:
-    """The holder of the lock of a file, in words, or None."""
+    """The process that holds a lock file, like "process 7 on host"; None if it is not locked."""
     with suppress(OSError), Folder(path.parent).open(path.name) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -78,12 +81,12 @@ def holder(path: Path) -> str | None:
 
 
 def own_words() -> str:
-    """The name of this process in its locks."""
+    """The text by which this process is named in its lock files."""
     return f"process {os.getpid()} on {socket.gethostname()}"
 
 
 def is_held_by(out: Path, words: str) -> bool:
-    """Whether the process named `words`, maybe on another machine, holds a lock of OUT."""
+    """Whether a lock file in `out` has the text `words`, the `own_words` of another process."""
     with suppress(OSError):
         for path in out.glob(".journal*.lock"):
             with suppress(FileNotFoundError):  # of another shard, which ended
@@ -94,7 +97,11 @@ def is_held_by(out: Path, words: str) -> bool:
 
 @contextmanager
 def _held(path: Path) -> Iterator[int]:
-    """Hold a lock, and remove its file after the block; an error names another holder."""
+    """Hold a lock file during the block, then remove it; yields its file descriptor.
+
+    Raises:
+        InputError: Another process holds it.
+    """
     end = time.monotonic() + PATIENCE
     try:
         while (number := _try_lock(path)) is None:
@@ -121,7 +128,7 @@ def _held(path: Path) -> Iterator[int]:
 
 
 def _try_lock(path: Path) -> int | None:
-    """The open file of the acquired lock; None if another process holds it."""
+    """Lock a file; returns its file descriptor, or None if another process holds the lock."""
     number = Folder(path.parent).append(path.name)
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -139,18 +146,22 @@ def _try_lock(path: Path) -> int | None:
 
 
 class OpenRun(Struct):
-    """A run that has not ended: the number of earlier records of each sample of its jobs."""
+    """The note of an unfinished run: the number of older records of each sample to be done."""
 
     jobs: dict[str, int]
 
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
-    """The file that notes a run on OUT, or on a shard."""
+    """The path of the note of a run on `out`, or on a shard."""
     return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
 
 
 def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
-    """Write the note of a run; that of a run on all of OUT replaces the notes of shards."""
+    """Write the note of a run, and return its path.
+
+    `jobs` is the number of older records of each sample to be done. A run on the whole of `out`
+    replaces the notes of shards.
+    """
     path = run_path(out, shard)
     with written_whole(path) as file:
         file.write(encode(OpenRun(jobs)) + b"\n")
@@ -160,7 +171,7 @@ def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
 
 
 def open_run(out: Path, shard: Shard | None = None) -> dict[str, int]:
-    """The noted jobs of a run on OUT, or on a shard; none if it has ended."""
+    """The samples that an unfinished run noted, with their numbers of older records; else empty."""
     path = run_path(out, shard)
     try:
         text = Folder(path.parent).read(path.name)
@@ -175,13 +186,13 @@ def open_run(out: Path, shard: Shard | None = None) -> dict[str, int]:
 
 
 def begun_samples(out: Path, shard: Shard | None) -> set[str]:
-    """The samples of interrupted runs, which may have files without records."""
+    """The samples that interrupted runs noted; they may have files but no record."""
     parts = (None, *(shards(out) if shard is None else [shard]))
     return {name for part in parts for name in open_run(out, part)}
 
 
 def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:
-    """Remove the half-written files of processes that were killed; the lock of OUT must be held."""
+    """Remove temporary files of killed processes. The caller must hold the lock of `out`."""
     below = Folder(out)
     # Those of the index and shards, written without the lock, stay while their process lives.
     found = [(folder, left_in(out / folder)) for folder in ("", SHARDS_FOLDER)]
@@ -195,7 +206,10 @@ def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:
 
 
 def refuse_other_division(out: Path, own: Shard) -> None:
-    """Refuse a shard beside records of another division, which have no common order."""
+    """Raise InputError if `out` has journals of shards of another number of parts.
+
+    The order of their records would be unknown.
+    """
     for shard in shards(out):
         if shard.of != own.of and journal_path(out, shard).exists():
             problem = f"belongs to another number of shards than {own.number}/{own.of}"
@@ -204,7 +218,10 @@ def refuse_other_division(out: Path, own: Shard) -> None:
 
 
 def gather(out: Path) -> list[Shard]:
-    """Merge the records of all shards into the journal of OUT, whose lock must be held."""
+    """Merge the journals of all shards into that of `out`; returns these shards.
+
+    The caller must hold the lock of `out`.
+    """
     parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
     if parts:
         with written_whole(journal_path(out)) as file:
@@ -216,7 +233,7 @@ def gather(out: Path) -> list[Shard]:
 
 
 def _merged_lines(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
-    """The lines of journals without duplicates."""
+    """Yield the lines of several journals, without duplicates."""
     known = set[bytes]()
     for part in parts:
         for _, _, line in JournalFile(journal_path(out, part)).lines():

@@ -1,1 +1,1 @@
-"""Jobs carried out in chunks, by a pipeline in this process, by other processes, or by Dask."""
+"""Execution of jobs in chunks: by a pipeline in this process, by other processes, or by Dask."""

@@ -1,9 +1,9 @@
-"""Jobs of a batch on the workers of a Dask scheduler.
+"""Execution of jobs on the workers of a Dask scheduler.
 
-Jobs and results are small; workers read and write pictures themselves, so each must see the same
-files under the same paths: a worker checks for the lock of this run in OUT, and this process for
-the first file of each worker. Dask may do a job twice, which is harmless: outputs are written
-whole, and only this process writes the journal.
+Jobs and results are small, as workers read and write pictures themselves. So all machines must see
+the same files at the same paths. A worker therefore checks that OUT has the lock file of this run,
+and this process that it sees the first file of each worker. Dask may do a job twice, which is
+harmless: files are replaced as a whole, and only this process writes the journal.
 """
 
 from __future__ import annotations
@@ -33,7 +33,13 @@ SEEN = 60.0  # seconds until a file of a worker is seen: NFS refreshes folders t
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
-    """An executor on a Dask scheduler; each job computes with ``threads``, or with one."""
+    """Return a function that carries out jobs on a Dask scheduler.
+
+    `threads` is the number of threads for each job, 1 if None.
+
+    Raises:
+        UsageProblem: The address is invalid, or Dask is not installed.
+    """
     if "://" not in address:
         problem = f"'{address}' is not a scheduler"
         remedy = "use local, or one like tcp://head:8786"
@@ -63,7 +69,10 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
 
 
 class _Cluster:
-    """Chunks submitted to a scheduler, which also fails chunks that only waited at dead workers."""
+    """The workers of a Dask scheduler, which may die.
+
+    When a worker dies, all chunks that it had are reported as lost, even those not begun.
+    """
 
     def __init__(self, client: Any, futures: Any, threads: int | None) -> None:
         self.client, self.futures, self.threads = client, futures, threads
@@ -91,7 +100,7 @@ class _Cluster:
         self.futures.add(future)
 
     def collect(self) -> Iterator[tuple[int, End] | Lost]:
-        """Wait for the results of a chunk, or for the death of its workers."""
+        """Wait for a chunk to end; yields its results, or `Lost` if its workers died."""
         future = next(self.futures)
         chunk = self.flight.pop(future)
         if future.cancelled():  # not by us
@@ -114,7 +123,7 @@ class _Cluster:
             raise self._unlike(f"its workers cannot do jobs: {words}")
 
     def _require_shared(self, root: Path, answer: dict[str, Any]) -> None:
-        """Refuse a worker that has another OUT than this process."""
+        """Raise InputError if a worker does not write to the same output folder as this process."""
         worker, results = answer["worker"], answer["results"]
         if worker in self.trusted and results:
             return
@@ -128,10 +137,10 @@ class _Cluster:
             self.trusted.add(worker)
 
     def stop(self) -> None:
-        """Do nothing, as submitted chunks are finished."""
+        """Do nothing, as submitted chunks are finished in any case."""
 
     def close(self) -> None:
-        """Cancel the submitted chunks."""
+        """Cancel all submitted chunks."""
         self.client.cancel(list(self.flight))
 
     def _unlike(self, problem: str) -> InputError:
@@ -140,7 +149,11 @@ class _Cluster:
 
 
 def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
-    """Results of jobs done by a worker (none if its OUT lacks the leader's lock), and its name."""
+    """Do jobs on a Dask worker; returns versions, results and the name of the worker.
+
+    There are no results if no lock file in the output folder names the `leader`, the process that
+    runs the batch.
+    """
     from distributed import get_worker
 
     here = (replace(each, machine=replace(each.machine, threads=threads)) for each in jobs)
@@ -152,7 +165,7 @@ def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
 
 
 def _is_seen(path: Path) -> bool:
-    """Whether a file just written on another machine exists, or appears soon."""
+    """Wait until a file that another machine has written appears here; False if it does not."""
     end = time.monotonic() + SEEN
     while path.name not in (os.listdir(path.parent) if path.parent.is_dir() else ()):  # noqa: PTH208
         if time.monotonic() > end:
@@ -162,7 +175,7 @@ def _is_seen(path: Path) -> bool:
 
 
 def _absolute(value: Any) -> Any:
-    """A job, or a part of it, with absolute paths for workers elsewhere."""
+    """A job, or a part of it, with all paths made absolute."""
     if isinstance(value, Path):
         return value.absolute()
     if isinstance(value, tuple) and not hasattr(value, "_fields"):

@@ -1,12 +1,11 @@
-"""Jobs in this process, as a pipeline that reads, renders and writes three pictures at a time.
+"""Execution of jobs in this process, by a pipeline that reads, renders and writes at the same time.
 
-Each picture is computed while the next one is decoded and the one before is encoded, as far as
-memory allows. At most one picture waits to be computed and one to be written, whatever the number
-of jobs. Small pictures are read, rendered and written in turn: threads would only wait for each
-other.
+While a picture is rendered, the next one is decoded and the previous one is encoded, if memory
+allows. At most one picture waits to be rendered, and one to be written. Small pictures are read,
+rendered and written one after the other, as threads would only wait for each other.
 
-Results for other processes have no arrays: outputs are relative to the root, inputs have no paths,
-and an exception stays in the process that raised it.
+Results may be sent to other processes. So they have no arrays; paths of outputs are relative to the
+output folder, and those of inputs are left out. Exceptions are not sent.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ _SMALL = 1 << 16  # greatest number of pixels of a small picture
 
 
 class Reader:
-    """Decodes the pictures of jobs; consecutive jobs of one picture share it."""
+    """Decodes the inputs of jobs, only once for consecutive jobs of the same picture."""
 
     def __init__(self) -> None:
         self._last: tuple[object, Inputs] | None = None
@@ -71,7 +70,7 @@ class Reader:
 
 
 def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
-    """The stamps of files by role, without unreadable ones, which their decoders report."""
+    """The stamps of files by role. Unreadable files are left out, as decoding reports them."""
     stamps: dict[str, Stamp] = {}
     for role, path in files.items():
         with suppress(OSError):
@@ -80,7 +79,7 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
 
 
 def write(take: Take | Failed) -> Completed | Failed:
-    """Write the outputs of a job, which are durable when this returns."""
+    """Write the outputs of a job, safe on disk when this returns; a failure is just passed on."""
     if isinstance(take, Failed):
         return take
     start = time.perf_counter()
@@ -123,9 +122,14 @@ def execute(
     stopped: Callable[[], bool],
     progress: TileCount | None = None,
 ) -> None:
-    """Do the jobs of a batch in this process, then restore its settings; one job uses no threads.
+    """Do the jobs of a batch in this process, without threads if there is only one.
 
-    `progress`: called with (tiles done, tiles in all) of a lone job.
+    Args:
+        chunks: The jobs, with their numbers.
+        done: Function that is called with the number and the outcome of each job.
+        stopped: Tells whether to begin no further job.
+        progress: Function that is called with the number of finished tiles and of all tiles, if
+            there is only one job.
     """
     plain_path.load()
     jobs = chain.from_iterable(chunks)
@@ -142,7 +146,7 @@ def execute(
 def _computed(
     job: Job, inputs: Inputs | Failed, progress: TileCount | None = None
 ) -> Take | Failed:
-    """The take of a job after rendering, or its failure."""
+    """Render a job; returns its take (inputs, lens and rendered planes) or its failure."""
     if isinstance(inputs, Failed):
         return inputs
     try:
@@ -154,7 +158,10 @@ def _computed(
 def run(
     jobs: Iterable[tuple[int, Job]], done: Done, stopped: Callable[[], bool] = lambda: False
 ) -> None:
-    """Do numbered jobs in their order; ``done`` is called on any thread, one at a time."""
+    """Do numbered jobs in order; ``done`` is called with number and outcome of each.
+
+    It may be called in another thread, but not twice at the same time.
+    """
     gate, reader, numbered = Gate(), Reader(), iter(jobs)
     decoding, ended = threading.Lock(), threading.Event()
 
@@ -209,7 +216,7 @@ def run(
 
 
 def _wait_for(pool: ThreadPoolExecutor) -> None:
-    """Wait for the work of a pool, through a first signal, so that no file stays half-written."""
+    """Wait for the tasks of a pool, even if a signal interrupts once, to leave complete files."""
     try:
         wait([pool.submit(int)])  # which comes after it
     except BaseException:

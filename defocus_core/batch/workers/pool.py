@@ -1,8 +1,8 @@
-"""Jobs on workers that may die, like processes on this machine.
+"""Execution of jobs by workers that may die, such as processes on this machine.
 
-Any of the jobs of a worker that dies (a crash in a decoder, lack of memory) may have killed it.
-Each of them is done again after the other jobs, alone; a job whose worker then dies, too, fails. A
-process that dies is replaced if there is work.
+If a worker dies, any of its jobs may be the cause, as by a crash of a decoder or lack of memory.
+These jobs are done again one by one, after all others. A job whose worker dies a second time has
+failed. Dead processes are replaced if there is work left.
 """
 
 from __future__ import annotations
@@ -31,26 +31,26 @@ if TYPE_CHECKING:
 
 
 class Lost(NamedTuple):
-    """Jobs of a worker that died."""
+    """The jobs that a worker had when it died."""
 
     jobs: Chunk
     words: str  # cause of its death
 
 
 class Workers(Protocol):
-    """The workers for jobs: processes, or a cluster."""
+    """What carries out jobs: several processes, or a cluster."""
 
     def has_room(self) -> bool:
         """Whether another chunk can be submitted."""
 
     def submit(self, chunk: Chunk) -> None:
-        """Submit a chunk to a worker."""
+        """Give a chunk, which is a list of numbered jobs of one picture, to a worker."""
 
     def collect(self) -> Iterator[tuple[int, End] | Lost]:
-        """Wait a while for results, and for workers that died."""
+        """Wait a short time; yields results as (number, outcome), and jobs of workers that died."""
 
     def stop(self) -> None:
-        """Begin no further job."""
+        """Begin no more jobs."""
 
     def close(self) -> None:
         """End all workers."""
@@ -59,7 +59,10 @@ class Workers(Protocol):
 def dispatch(
     workers: Workers, chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]
 ) -> None:
-    """Do all jobs, unless stopped."""
+    """Have workers do all jobs, until `stopped` returns True.
+
+    ``done`` is called with the number and the outcome of each job.
+    """
     flight: dict[int, Job] = {}
     suspects: deque[tuple[int, Job]] = deque()
     suspected = set[int]()
@@ -105,7 +108,7 @@ READY = "ready"
 
 
 def serve(connection: Connection) -> None:
-    """Do the jobs that come through the connection."""
+    """Do the jobs that a connection receives, and send their results; never returns."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stopped = threading.Event()
     jobs = _received(connection, stopped)
@@ -118,10 +121,10 @@ def serve(connection: Connection) -> None:
 
 
 def _received(connection: Connection, stopped: threading.Event) -> Iterator[tuple[int, Job]]:
-    """The received jobs; ``stopped`` is set to begin no further one.
+    """Iterate over numbered jobs that are received; ``stopped`` is set when none should be begun.
 
-    If the coordinator dies, this process ends at once: the next coordinator does the same jobs, and
-    writes to the same files.
+    If the process that sends jobs dies, this process exits, as a later run would do the same jobs
+    and write to the same files.
     """
     queue: SimpleQueue[tuple[int, Job] | None] = SimpleQueue()
 
@@ -139,7 +142,7 @@ def _received(connection: Connection, stopped: threading.Event) -> Iterator[tupl
 
 
 class Processes:
-    """Processes for jobs; each starts with its first chunk."""
+    """Worker processes. Each is started when there is a chunk for it, up to a maximum."""
 
     def __init__(self, processes: int, serve: Serve = serve) -> None:
         self.serve, self.maximum = serve, processes
@@ -150,7 +153,7 @@ class Processes:
         return len(self.workers) < self.maximum or any(each.has_room for each in self.workers)
 
     def submit(self, chunk: Chunk) -> None:
-        """Submit a chunk to an idle process, to a new one, or to one that will soon be idle."""
+        """Give a chunk to an idle process, else to a new one, else to the least busy one."""
         ready = [each for each in self.workers if each.has_room]
         least = min(ready, key=lambda each: len(each.flight), default=None)
         if least is None or (least.flight and len(self.workers) < self.maximum):
@@ -158,7 +161,7 @@ class Processes:
         least.send(chunk)
 
     def collect(self) -> Iterator[tuple[int, End] | Lost]:
-        """Wait a while until a process sends a result or dies."""
+        """Wait a short time; yields results as (number, outcome), and jobs of dead processes."""
         handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
         handles |= {each.process.sentinel: each for each in self.workers}
         for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
@@ -189,14 +192,14 @@ class Processes:
         return Lost([*each.flight.items()], words)
 
     def stop(self) -> None:
-        """Begin no further job; processes that are not ready end."""
+        """Begin no more jobs; processes that are still starting are killed."""
         for each in self.workers:
             each.stop()
             if not each.ready:
                 each.process.kill()
 
     def close(self) -> None:
-        """End all processes, at once those with jobs."""
+        """End all processes; those with jobs are killed."""
         for each in self.workers:
             if each.ready and not each.flight:
                 each.stop()
@@ -205,7 +208,7 @@ class Processes:
 
 
 class _Worker:
-    """A process and its jobs, which wait until it has started."""
+    """A process with the jobs sent to it, which wait until it has started."""
 
     def __init__(self, serve: Serve) -> None:
         context = multiprocessing.get_context("spawn")
@@ -237,7 +240,7 @@ class _Worker:
                 self.connection.send(numbered)
 
     def stop(self) -> None:
-        """End the process after the begun jobs."""
+        """Let the process end after the jobs that it has begun."""
         if not self.stopping:
             self.stopping = True
             with suppress(OSError):

@@ -1,7 +1,7 @@
-"""A run does the unfinished jobs, writes each result to the journal, then the index.
+"""A run of a batch: find the unfinished jobs, carry them out, and write journal and index.
 
-Its plan has the jobs to do. `defocus render`, `batch` and `run_batch` all use it. Only this process
-writes the journal.
+The commands `defocus render` and `defocus batch` and the function `run_batch` all use this module.
+Only the process that calls it writes the journal.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MAX_IN_A_CHUNK = 8
 
 @dataclass(frozen=True)
 class Execution:
-    """The way to carry out a batch."""
+    """How to carry out a batch."""
 
     # Does jobs; called with chunks of them, with a function to call with the number and end of each
     # job, and with a function that tells whether to stop
@@ -66,7 +66,11 @@ _numbers = partial(array, "I")
 
 @dataclass
 class Plan:
-    """The jobs of a run, by number: done before, to do now, and to do beyond the limit."""
+    """The jobs of a run, and which of them to do.
+
+    Lists of jobs hold their indices in `jobs`: settled ones are finished or kept, due ones are done
+    now, later ones exceed the limit of this run.
+    """
 
     jobs: Sequence[Job]
     ledger: Ledger
@@ -79,23 +83,27 @@ class Plan:
     kept: Counter[str] = field(default_factory=Counter)  # reasons of changed jobs that are kept
 
     def jobs_of(self, *numbers: Iterable[int]) -> Iterator[Job]:
-        """The jobs with the given numbers."""
+        """Iterate over the jobs with the given indices."""
         return (self.jobs[number] for number in chain(*numbers))
 
     def recorded(self, number: int) -> Record:
-        """The record of a job that is done or kept."""
+        """The record of a settled job."""
         found = self.ledger.number_of(self.jobs[number].names.values())
         assert found is not None
         return self.ledger.record(found)
 
     def began(self) -> bool:
-        """Whether an output of the jobs to do exists."""
+        """Whether any output of a job to be done exists."""
         return any(os.path.lexists(path) for job in self.jobs_of(self.due) for path in job.written)
 
 
 @without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
-    """The plan of a batch; refuses jobs that would replace foreign files."""
+    """Find out which jobs to do.
+
+    Raises:
+        InputError: A job would replace a file that is not an older output of it.
+    """
     refuse_misplaced(jobs)
     if execution.has_index:
         from defocus_core.batch.datasets import update
@@ -117,7 +125,7 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
 
 
 def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
-    """Sort jobs of a plan into those done, due and beyond the limit; if forced, none are done."""
+    """Sort the jobs of a plan into settled, due and later ones; none is settled if `forced`."""
     ledger = plan.ledger
     decided = partial(resume.decided, ledger=ledger, read_inputs=execution.read_inputs)
     for number, job in enumerate(plan.jobs):
@@ -141,17 +149,17 @@ def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
 
 
 def writes_file(jobs: Sequence[Job]) -> bool:
-    """Whether a lone picture is written to a named file, without a journal."""
+    """Whether the only job writes a single named file, and therefore no journal."""
     return any(job.outputs.file for job in jobs)
 
 
 def _outputs_of(jobs: Sequence[Job]) -> set[Outputs]:
-    """The outputs of jobs, which most share; hashing those of each would take long."""
+    """The distinct `outputs` of jobs. Most jobs share the same object, so few need to be hashed."""
     return {*{id(job.outputs): job.outputs for job in jobs}.values()}
 
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
-    """Refuse jobs that would replace outputs of one another or their inputs."""
+    """Raise InputError if a job would replace an input, or an output of another job."""
     _refuse_clashes(jobs)
     every = _outputs_of(jobs)
     for outputs in every:
@@ -187,7 +195,13 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 
 
 def _refuse_to_replace(plan: Plan, begun: Collection[str], *, keep_lenses: bool) -> None:
-    """Refuse to replace files of other pictures or lenses, or that the journal does not know."""
+    """Raise InputError if a job to be done would replace a file that is not an older output of it.
+
+    Args:
+        plan: The plan.
+        begun: Samples of interrupted runs, whose files may be replaced without a record.
+        keep_lenses: Whether outputs of another lens must not be replaced either.
+    """
     ledger, unknown, journal = plan.ledger, list[Path](), ""
     for job in plan.jobs_of(plan.due, plan.later):
         root = job.outputs.root
@@ -209,7 +223,7 @@ def _refuse_to_replace(plan: Plan, begun: Collection[str], *, keep_lenses: bool)
 
 
 def _check_folders(outputs: Outputs, mode: int) -> None:
-    """Refuse folders of outputs that are links or files, or that lack the `mode` of access."""
+    """Raise InputError if an output folder is a link or a file, or does not allow access `mode`."""
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
@@ -228,7 +242,10 @@ def _check_folders(outputs: Outputs, mode: int) -> None:
 
 @dataclass
 class Summary:
-    """The result of a batch: jobs by status, without jobs that were finished before."""
+    """The result of a run: numbers of jobs, by status and reason, and warnings.
+
+    ``statuses`` and ``reasons`` do not count jobs that were finished before.
+    """
 
     jobs: int = 0
     skipped: int = 0
@@ -252,10 +269,14 @@ def run(
     ended: Callable[[Job, Record], None] | None = None,
     planned: Callable[[Plan], None] | None = None,
 ) -> Summary:
-    """Do jobs that write to OUT; a lone job of one file needs no lock and no journal.
+    """Do the jobs that are not finished, and write journal and index.
 
-    `ended`: called with each job that has ended, and is in the journal; `planned`: called before
-    the first job.
+    Args:
+        jobs: The jobs of a batch; or one job that writes a single file, without lock and journal.
+        out: The output folder of all jobs.
+        execution: How to carry them out.
+        ended: Function that is called with each job that ended, and its record in the journal.
+        planned: Function that is called with the plan before the first job.
     """
     has_journal, every = not writes_file(jobs), _outputs_of(jobs)
     lock = runs.locked(out, execution.shard) if has_journal else nullcontext(lambda: None)
@@ -299,7 +320,10 @@ def run(
 
 @contextmanager
 def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
-    """Yield the function that appends records; the run is noted in OUT while jobs are left."""
+    """Open the journal during the block; yields the function that appends records.
+
+    The index is removed before. A note of the run stays in the output folder if jobs are left.
+    """
     plan, shard = state.plan, state.execution.shard
     out, records = plan.ledger.out, plan.ledger.counts()
     names = (job.sample_id for job in plan.jobs_of(plan.due, plan.later))
@@ -321,7 +345,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index of the requested samples, or of those that the old index listed."""
+    """Write the index if anything changed: of the `asked` samples, or those of the old index."""
     plan, summary, execution = state.plan, state.summary, state.execution
     out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:
@@ -341,7 +365,7 @@ def _index(asked: Collection[str], state: _State) -> None:
 
 
 def _tell_backs(state: _State) -> None:
-    """Warn if earlier pictures that stay in OUT were rendered by another back than this run."""
+    """Warn if older pictures were rendered by another back, torch or compiled, than new ones."""
     ledger, made = state.plan.ledger, state.backs
     stay = ledger.live() if state.plan.settled and made else ()
     before = {ledger.outcomes[number].back for number in stay} - {""}
@@ -352,7 +376,7 @@ def _tell_backs(state: _State) -> None:
 
 @contextmanager
 def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
-    """Make OUT for the block, and remove new folders that are empty at its end."""
+    """Create `out` for the block; at its end, remove new folders that are empty."""
     for outputs in every:
         _check_folders(outputs, os.W_OK | os.X_OK)
     folders = {folder for outputs in every for folder in outputs.folders} - {out}
@@ -370,7 +394,7 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
 
 
 class _State:
-    """The state of a run: its jobs and their results."""
+    """The progress of a run: counts of ended jobs, and whether to stop."""
 
     def __init__(self, plan: Plan, execution: Execution) -> None:
         self.plan, self.execution = plan, execution
@@ -383,7 +407,7 @@ class _State:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Note signals to stop, and the time, while jobs are done in the block."""
+        """Measure the time of the block, and note whether Ctrl-C was pressed in it."""
         start = time.perf_counter()
         try:
             with self.interrupts:
@@ -397,7 +421,10 @@ class _State:
         return self.stopping or self.interrupts.asked
 
     def chunks(self) -> Iterator[Chunk]:
-        """Consecutive jobs of one picture, in chunks that keep all workers busy."""
+        """Yield the due jobs in chunks, small enough to keep all workers busy.
+
+        A chunk has consecutive jobs of one picture.
+        """
         due = self.plan.due
         size = max(1, min(MAX_IN_A_CHUNK, len(due) // (4 * self.execution.spread)))
         numbered = zip(due, self.plan.jobs_of(due), strict=True)
@@ -408,7 +435,13 @@ class _State:
                 yield chunk
 
     def done(self, number: int, end: End, append: Callable[[Record], None]) -> Record:
-        """Count an ended job, and append and return its record, unless a lone job failed."""
+        """Count an ended job and append its record to the journal; returns the record.
+
+        With `Execution.raises`, a failed job is not recorded, but its error is kept.
+
+        Raises:
+            InputError: No space is left on the disk.
+        """
         record, summary = self.record(number, end), self.summary
         if isinstance(end, Failed) and self.execution.raises:
             summary.error = end.error
@@ -430,7 +463,7 @@ class _State:
         return record
 
     def record(self, number: int, end: End) -> Record:
-        """The record of an ended job."""
+        """Make the record of an ended job."""
         job, out = self.plan.jobs[number], self.plan.ledger.out
         places = {role: input_path(path, out) for role, path in job.files.items()}
         inputs = {r: copy(end.inputs.get(r, Stamp()), path=place) for r, place in places.items()}
