@@ -209,7 +209,7 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """How a job ended: status, reason of a failure, and the back that rendered (torch, compiled)."""
+    """How a job ended: status, reason of a failure, and the back that rendered it (or empty)."""
 
     status: str
     reason: str | None
