@@ -1,4 +1,4 @@
-"""Entry point of ``defocus`` and ``python -m defocus_cli``, and how the process ends."""
+"""Entry point of ``defocus`` and ``python -m defocus_cli``, which also ends the process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def _end(*_: object) -> NoReturn:
-    """End without a traceback, on Ctrl-C while the modules of the command line are imported."""
+    """End the process without a traceback, if Ctrl-C is pressed while modules are imported."""
     try:
         os.write(2, b"defocus: interrupted\n")
     finally:
@@ -29,7 +29,7 @@ from defocus_cli.main import main  # noqa: E402
 
 
 def run() -> NoReturn:
-    """Carry out the command line, and leave with its exit code."""
+    """Run the command line, and end the process with its exit code."""
     codes: list[int] = []
     atexit.register(_leave, codes)  # registered first, so that it runs last
     if signal.getsignal(signal.SIGINT) is _end:

@@ -1,8 +1,8 @@
 """The ``defocus`` command: finds the subcommand, and reports errors in one line.
 
-Exit codes: 0 done, 1 some of a batch failed, or a fault of defocus itself, 2 usage, 3 input or
-output, 130 interrupted by Ctrl-C, 141 nobody reads what is printed any more, as after ``| head``,
-143 or 129 ended by SIGTERM or SIGHUP.
+Exit codes: 0 done; 1 some of a batch failed, or defocus itself has a fault; 2 wrong usage; 3 a file
+cannot be read or written; 130 interrupted by Ctrl-C; 141 the program that reads the output has
+ended, as after ``| head``; 143 ended by SIGTERM; 129 ended by SIGHUP.
 """
 
 from __future__ import annotations
@@ -45,23 +45,23 @@ from defocus_core.system.text import back_words, versions
 COMMANDS = {
     "render": "Defocus pictures, given their colour and depth.",
     "batch": "Render many pictures with many lenses, as a jobs file lists them.",
-    "status": "Show the progress of a batch.",
-    "merge": "Merge the journals of all shards of a batch.",
-    "choose": "Write an HTML page for choosing focus and blur by clicks.",
+    "status": "Show the progress of a batch, and why jobs failed.",
+    "merge": "Merge the journals of a batch that ran in parts.",
+    "choose": "Write an HTML page on which you choose focus and blur.",
     "info": "Show the content of files: size, channels, depth range.",
     "depth": "Convert depth files of any format to EXR in planar metres.",
     "aperture": "Draw the aperture of a lens and the blur of a point.",
-    "lenses": "List the lens files that ship with defocus, or draw their looks.",
+    "lenses": "List the lens files that come with defocus, or draw their blur.",
     "fit": "Find the lens that turns a sharp picture into a blurred one.",
     "compare": "Compare pictures, and name the cause where they differ.",
-    "bench": "Render scenes with known truth; print error and time.",
-    "verify": "Check on this machine that the laws of the lens hold.",
+    "bench": "Measure error and time on scenes with known truth.",
+    "verify": "Check on this machine that pictures obey the laws of a lens.",
     "help": "Print the reference on a topic, or list the topics.",
 }
 
 
 class Interruptible(click.Context):
-    """The context of a command line that Ctrl-C ends without the empty line of click."""
+    """A context of click that Ctrl-C ends without printing an empty line."""
 
     def __exit__(self, kind: type[BaseException] | None, *of: Any) -> None:
         super().__exit__(kind, *of)
@@ -70,7 +70,7 @@ class Interruptible(click.Context):
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are modules of ``defocus_cli.commands``, imported when asked for."""
+    """The commands: modules of ``defocus_cli.commands``, each imported when it is used."""
 
     context_class = Interruptible
 
@@ -79,7 +79,11 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_help(self, ctx: click.Context) -> str:
-        """The help text; an error if stdout is closed."""
+        """The help text.
+
+        Raises:
+            InputError: stdout is closed.
+        """
         require_stdout()
         return super().get_help(ctx)
 
@@ -89,7 +93,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name."""
+        """The command of that name; None if there is none."""
         if cmd_name not in COMMANDS:
             return None
         with delayed_signals():
@@ -100,7 +104,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command at the start of ``args``, and the rest."""
+        """The name of the command at the start of ``args``, the command, and the other words."""
         if args[0] not in COMMANDS:
             remedy = did_you_mean(args[0], tuple(COMMANDS), "see 'defocus --help'")
             remedy = gone.remedy("command", args[0], otherwise=remedy)
@@ -116,7 +120,7 @@ class LazyGroup(click.Group):
 @option("--version", "Print the versions of defocus, its renderer and Numba.", into="wants_version")
 @click.pass_context
 def cli(ctx: click.Context, wants_version: bool) -> None:
-    """Defocus pictures as a lens would, from colour and depth.
+    """Defocus sharp pictures as a lens would, by the depth of each pixel.
 
     \b
     Examples:

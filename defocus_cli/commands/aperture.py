@@ -1,4 +1,4 @@
-"""``defocus aperture``: draw the opening of a lens and the blur of a point."""
+"""``defocus aperture``: draw the aperture of a lens and the blur of a point."""
 
 from __future__ import annotations
 
@@ -19,16 +19,23 @@ from defocus_core.request.quantities import pixel_count
 @output_option(
     "-o --out FILE", "File to write: .png to look at, .exr to measure.", FilePath(), required=True
 )
-@output_option("--radius PX", "Radius of the blur.", pixel_count, default="16px", show_default=True)
-@output_option("--nearer", "Draw the blur of a point nearer than the focus.")
+@output_option(
+    "--radius PX",
+    "Radius of the blur of the point.",
+    pixel_count,
+    default="16px",
+    show_default=True,
+)
+@output_option("--nearer", "Draw a point nearer than the focus, not beyond it.")
 @output_option("--overwrite", "Replace an existing file.")
 @opening_options()
 def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: LensValues) -> None:
-    """Draw the opening of a lens, and the blur of a point beyond the focus.
+    """Draw the aperture of a lens, and the blur of a point beyond the focus.
 
-    A PNG shows four squares: the opening, the blur of a point at --radius with enlarged pixels, and
-    its blur by the left and the right half of the opening. An EXR has the blur in channel 'kernel',
-    with sum 1, and those of the halves in 'left' and 'right'.
+    A PNG shows four pictures, from left to right: the aperture; the blur of a point, with enlarged
+    pixels; its blur through the left half of the aperture; and through the right half. An EXR holds
+    the weights of the blur, whose sum is 1, in channel 'kernel', and those of the halves in 'left'
+    and 'right'.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""``defocus batch``: render the jobs of a jobs file, resumable and over several machines."""
+"""``defocus batch``: render the jobs of a jobs file, in processes or on several machines."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ from defocus_core.request.resolver import fields_of
 
 
 def crew_options(command: Command) -> Command:
-    """Pass ``crew`` to a command: the processes that compute."""
+    """Add the options of worker processes to a command, which gets them as ``crew``."""
     options = [
         machine_option(
             "--scheduler local|tcp://…",
-            "Who does the jobs: processes of this machine, or a Dask scheduler "
-            "(pip install 'defocus[dask]').",
+            "Where to render: in processes on this machine (local), or on the workers of a Dask "
+            "scheduler at this address (pip install 'defocus[dask]').",
             default="local",
             show_default=True,
         ),
         machine_option(
             "--processes N",
-            "Processes on this machine.  [default: cores / threads; without --threads "
-            "one for each core and 2 GB that are free; 1 with a GPU]",
+            "Number of processes on this machine.  [default: one for each core, or for each 2 GB "
+            "of free memory if these are fewer; with --threads, cores / threads; with a GPU, 1]",
             click.IntRange(min=1),
         ),
         param_option(
             MACHINE_OPTIONS["threads"],
-            "Threads of each process.  [default: cores / processes; 1 on Dask]",
+            "Number of CPU threads of each process.  [default: cores / processes; 1 on Dask]",
         ),
         *(param_option(MACHINE_OPTIONS[name]) for name in ("device", "memory", "tile")),
     ]
@@ -66,7 +66,7 @@ def crew_options(command: Command) -> Command:
 
 
 def shard_of(text: str) -> Shard:
-    """A part of a batch, parsed from i/n."""
+    """The part of a batch that a text like ``2/8`` names."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
     if not match or not 1 <= int(match[1]) <= int(match[2]):
         problem = f"'{text}' is not a part of a batch"
@@ -76,20 +76,35 @@ def shard_of(text: str) -> Shard:
 
 @click.command("batch", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
-@option("-o --out OUT", "Directory to write to, with the journal.", FilePath(), required=True)
-@option("--shard I/N", "Do only the I-th of N parts.", shard_of)
-@option("--limit N", "Do at most N jobs and leave the rest.", click.IntRange(min=1))
+@option(
+    "-o --out OUT", "Directory to write to; it holds the journal, too.", FilePath(), required=True
+)
+@option(
+    "--shard I/N",
+    "Do only part I of N parts of the batch, like 2/8: on another machine, or in a cluster job.",
+    shard_of,
+)
+@option(
+    "--limit N", "Do at most N jobs; the same command later does the rest.", click.IntRange(min=1)
+)
 @option(
     "--keep-going/--fail-fast",
-    "Go on with the other jobs when one fails, or stop.",
+    "Whether to go on with the other jobs, or to stop, when a job fails.",
     default=True,
     show_default=True,
 )
-@option("--overwrite", "Do all jobs again, also finished ones.")
-@option("--new-only", "Do only the jobs without outputs; keep existing outputs, whatever changed.")
+@option("--overwrite", "Do all jobs again, even finished ones, and replace their outputs.")
+@option(
+    "--new-only",
+    "Do only jobs that have no outputs yet; keep existing outputs, even if their settings or "
+    "inputs changed.",
+)
 @dataset_options
 @contact_option
-@option("--dry-run", "Show the jobs to do, the reasons and the memory, without rendering.")
+@option(
+    "--dry-run",
+    "Print the jobs to do, why they are to be done, and the memory needed; render nothing.",
+)
 @json_option
 @verbose_option
 @crew_options
@@ -110,18 +125,21 @@ def command(
     crew: WorkerConfig,
     check_inputs: str,
 ) -> None:
-    """Render each picture with each lens of JOBS.toml to OUT/<kind>/<sample>.<ext>.
+    """Render each picture with each lens that the jobs file JOBS.toml names.
 
-    'defocus help batch' describes JOBS.toml. OUT/journal.jsonl has a line for each finished job.
-    After an interruption the same command continues: finished jobs are done again only if their
-    inputs, settings or outputs changed, or the renderer did; failed jobs are tried again. At the
-    end OUT/metadata.jsonl lists the samples. Samples of an earlier batch that are not in JOBS.toml
-    stay in OUT, but are not listed.
+    'defocus help batch' describes the jobs file. A job is one picture with one lens. Its outputs
+    are OUT/<kind>/<sample>.<ext>, where <sample> is the name of the picture with that of the lens.
 
-    The first Ctrl-C finishes the pictures being rendered; the second stops at once, like SIGTERM.
+    OUT/journal.jsonl has a line for each job that ended. To go on after an interruption, give the
+    same command again: it does the jobs that are left or failed. A finished job is done again only
+    if its inputs, settings or outputs, or the renderer, changed. At the end OUT/metadata.jsonl
+    lists the outputs of all jobs of JOBS.toml; outputs of an earlier JOBS.toml stay in OUT, but are
+    not listed.
 
-    Machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then 'defocus
-    merge OUT'.
+    Press Ctrl-C once to finish the pictures being rendered and stop; twice, to stop at once.
+
+    To share a batch among machines with a common file system, run --shard 1/8 to --shard 8/8, then
+    'defocus merge OUT'.
 
     \b
     Examples:

@@ -22,35 +22,50 @@ _QUALITIES = ("standard", "high")
 @click.command("bench", cls=GroupedCommand)
 @option(
     "--truth DIR",
-    "Set of scenes, <scene>/camera.json.  [default: sample_scenes of the repository]",
+    "Directory of scenes with known truth, each with a <scene>/camera.json.  "
+    "[default: sample_scenes of the repository]",
     FilePath(),
 )
 @option(
     "--quality QUALITY,…",
-    f"Qualities to measure, of {', '.join(QUALITIES)}.  [default: {','.join(_QUALITIES)}]",
+    f"Qualities to measure: one or several of {', '.join(QUALITIES)}, separated by commas.  "
+    f"[default: {','.join(_QUALITIES)}]",
     several(one_of(QUALITIES)),
     into="qualities",
     default=_QUALITIES,
 )
 @option(
     "--threads N",
-    "Threads to compute with.  [default: one for each core]",
+    "Number of CPU threads.  [default: one for each core]",
     click.IntRange(1, MAX_THREADS),
 )
-@option("--device", "", DEVICES, default="auto", show_default=True)
+@option(
+    "--device",
+    "Where to compute: on the CPU, on a GPU (cuda), or auto: on a GPU if there is one.",
+    DEVICES,
+    default="auto",
+    show_default=True,
+)
 @json_option
 def command(
     truth: Path | None, qualities: tuple[str, ...], threads: int | None, device: str, as_json: bool
 ) -> None:
-    """Render scenes with known truth and print the error and the time of each shot.
+    """Render scenes with known truth, and print the error and the time of each shot.
 
-    The table also has 'sum', the plain sum of blurred slices, and 'torch', which is 'standard' by
-    the torch back, if compiled loops render 'standard'.
+    A row of the table is a quality on a shot. Two more rows are for comparison: 'sum' adds up
+    blurred depth slices without occlusion; 'torch' is quality 'standard' rendered by torch, where
+    compiled loops render it otherwise ('defocus help quality').
 
-    PSNR (dB) and SSIM are of sRGB-encoded pictures, relRMSE and p999 (99.9th percentile of the
-    error) of linear light. A border as wide as the largest blur is left out. 'edges' is PSNR
-    within the largest blur radius of a depth edge, 'other' that of the rest. FFTs is the time in
-    transforms of the frame there and back, measured alongside. With --json the table is on stderr.
+    
+    PSNR     in dB, of sRGB-encoded pictures; a border as wide as the largest blur is left out
+    edges    PSNR of the pixels within the largest blur radius of a depth edge
+    other    PSNR of all other pixels
+    relRMSE  RMSE of linear light, divided by the mean light
+    p999     99.9 % of the pixels have at most this error of linear light
+    SSIM     structural similarity of sRGB-encoded pictures
+    FFTs     the time, divided by that of a Fourier transform of the picture and back
+
+    With --json the table is printed on stderr.
 
     \b
     Examples:

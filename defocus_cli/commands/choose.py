@@ -37,7 +37,7 @@ _SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there 
 @click.argument("depth", type=FilePath(), required=False)
 @output_option(
     "-o --out FILE.html",
-    "Page to write; replaces an earlier one.",
+    "HTML page to write; an existing page is replaced.",
     ReportPath("html"),
     required=True,
 )
@@ -54,12 +54,15 @@ def command(
     machine: Machine,
     verbose: bool,
 ) -> None:
-    """Write an HTML page for choosing focus and blur: one file, which loads nothing else.
+    """Write an HTML page on which you choose focus and blur by clicks.
 
-    A click sets the focus, a slider the blur; the command that renders the choice stands below the
-    picture. The page holds small pictures at 8 focus distances and 5 strengths of blur, and shows
-    the nearest. Without a lens, depth is relative, as for 'render': the surface in focus is sharp
-    as a whole, and a button says that the other end of the depth is near.
+    Open the page in a browser: click on the picture to set the focus, and move a slider to set the
+    blur. Below the picture stands the command that renders your choice. The page holds 8 x 5 small
+    pictures, of 8 focus distances and 5 strengths of blur, and shows the nearest one; it needs no
+    other file and no network.
+
+    Without a lens, depth has no unit, as for 'render': the whole surface in focus is sharp, and a
+    button swaps near and far.
 
     \b
     Examples:
@@ -84,7 +87,7 @@ def command(
 
 
 def _rendering(typed: Sequence[str]) -> list[str]:
-    """The words of a command that renders the picture, without what the page chooses."""
+    """The words of a command that renders the picture, without the options that the page sets."""
     words, rest = ["defocus", "render"], iter(typed[2:])
     for word in rest:
         if word in _CHOSEN:

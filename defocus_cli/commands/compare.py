@@ -30,30 +30,33 @@ from defocus_core.compare.pairing import (
 )
 from defocus_core.compare.record import DIFFERENT, EXTRA, SAME
 from defocus_core.compare.run import compare_all
+from defocus_core.errors import with_dashes
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.system.process import cores
 from defocus_core.system.text import command_line, counted
 
-_METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
-_HELP = f"""Say whether B is the same as A, and if not, what happened to it.
+_METRICS = with_dashes("\n".join(f"  {m.name:<10} {m.help}" for m in METRICS.values()))
+_HELP = f"""Compare pictures B with their references A; where they differ, name the cause.
 
-A is the reference. A and B are two files, or two directories whose files pair up by their relative
-path; a file that one of them lacks is a difference. Pictures of two finished batches pair up by
-sample and kind; differences of their recipes (settings, lens, versions, inputs) come first.
+A and B are two files, or two directories. In directories, pictures with the same relative path are
+compared, and a picture that only one directory has counts as a difference. In two finished batches,
+pictures of the same sample and kind are compared, and differences of settings, lens, versions and
+inputs are printed first.
 
-All values must be equal over the display window, or pass the rules of --fail. NaN or infinity on
-one side only, another size and a missing channel are never the same. Number type, compression,
-order of channels and data window are noted; metadata counts with --metadata.
+Without rules, all values must be equal inside the display window. With --fail or --like, a picture
+fails if a rule says so. Whatever the rules, it fails if its size differs, if a channel is missing,
+or if NaN or infinity stands on one side only. Differences of number type, compression, order of
+channels and data window are printed and do not fail; differences of metadata fail with --metadata.
 
-The exit code is 0 if all are the same, 1 if some differ, 2 for wrong usage, 3 if a file cannot be
+The exit code is 0 if all pictures pass, 1 if some fail, 2 for wrong usage, 3 if a file cannot be
 read.
 
 \b
 Metrics for --fail and --warn:
 {_METRICS}
 
-'defocus help compare' has a file of thresholds, an example for CI, and the names of what happened.
+'defocus help compare' lists the causes, and shows a file of rules and an example for CI.
 
 \b
 Examples:
@@ -73,18 +76,19 @@ Examples:
 @comparing.comparison_options()
 @option(
     "--accept",
-    "After the report, copy the files of B that differ to A, which is created if missing. "
-    "Files that B lacks stay.",
+    "After the report, replace references in A by the pictures of B that fail; A is created if it "
+    "does not exist. References that B lacks stay.",
 )
 @option(
     "--only PATTERN",
-    "Only pictures of this name, like render/spheres.exr or 'left/*'; may be repeated.",
+    "Compare only pictures whose relative path matches, like render/spheres.exr or 'left/*'; may "
+    "be repeated.  [default: all]",
     multiple=True,
     heading="What is compared",
 )
 @machine_option(
     "--processes N",
-    "Processes to compare directories with.  [default: one for each core]",
+    "Number of processes that compare the pictures of directories.  [default: one for each core]",
     click.IntRange(min=1),
     default=cores,
 )
@@ -100,7 +104,7 @@ def command(
     as_json: bool,
     verbose: bool,
 ) -> int:
-    """Compare two pictures or directories; the help text is above."""
+    """Run the comparison, print and write its results, and return the exit code."""
     start = time.perf_counter()
     batches = pair_batches(a, b, only) if are_batches(a, b) else None
     pairs = chosen_pairs(find_pairs(a, b, anew=accept), only) if batches is None else batches.pairs

@@ -18,11 +18,11 @@ from defocus_core.system.text import counted
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @output_option(
     "-o --out OUT",
-    "File to write, ending in .exr; or a directory for <stem>.exr of each FILE.",
+    "EXR file to write, ending in .exr; or a directory, for an EXR <stem>.exr of each FILE.",
     FilePath(),
     required=True,
 )
-@output_option("--preview", "Also write <stem>.preview.png, near is bright.")
+@output_option("--preview", "Also write <stem>.preview.png to look at, where near is bright.")
 @output_option("--overwrite", "Replace existing files.")
 @reading_options(lambda row: not row.of_pictures)
 @json_option
@@ -34,11 +34,14 @@ def command(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Convert depth files to EXR: channel Z, float, planar metres, inf for sky.
+    """Convert depth files to EXR with depth in metres, in the float channel Z.
 
-    What the numbers of a file mean is said by --depth-format, whose names 'defocus help depth'
-    lists, or by --depth-unit, --depth-kind and the other options; nothing is guessed. All FILES are
-    read alike. A file that cannot be converted is named, and the others are converted.
+    The depth is planar: the distance along the optical axis, not to the point. Sky is inf.
+
+    Say what the numbers in the files mean: by --depth-format, whose names 'defocus help depth'
+    lists, or by --depth-unit, --depth-kind and the other options, which hold for all FILES. Nothing
+    is guessed from the numbers. If a file cannot be converted, an error names it, and the others
+    are converted.
 
     \b
     Examples:

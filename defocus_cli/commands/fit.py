@@ -29,7 +29,7 @@ _fit_option = partial(lens_option, is_common=True)
 _options = [
     _fit_option(
         "--focal-length LENGTH",
-        "Focal length of the lens, to find the f-number.",
+        "Focal length of the lens; the f-number that is found depends on it.",
         LENS_OPTIONS["focal-length"].parse,
         into="foclen",
         default="50mm",
@@ -37,20 +37,25 @@ _options = [
     ),
     _fit_option(
         "--sensor-width LENGTH",
-        "Width of the sensor area in the pictures.",
+        "Width of the sensor area that the pictures show.",
         LENS_OPTIONS["sensor-width"].parse,
         default="36mm",
         show_default=True,
     ),
     _fit_option(
         "--exposure",
-        "Find also a gain of each colour, and the falloff of light over the frame of each picture.",
+        "Also find how brightness differs: a factor for each colour, and for each blurred "
+        "picture how its light falls off towards the corners.  [default: the same brightness]",
     ),
-    _fit_option("--shift", "Find also the shift of BLURRED from SHARP, up to 16 px."),
-    _fit_option("--dual-pixel", "Find also the crosstalk of the photodiodes of a pair."),
+    _fit_option(
+        "--shift",
+        "Also find the shift of BLURRED relative to SHARP, up to 16 px.  [default: no shift]",
+    ),
+    _fit_option("--dual-pixel", "Also find the crosstalk of the photodiodes, with --right."),
     _fit_option(
         "--dp-model MODEL",
-        "Model of the photodiodes, or file of their kernels, as for render.  "
+        "What the photodiodes of a dual pixel see: split, smooth, @pixel4, @canon-dpp, or a file "
+        "of measured kernels ('defocus help look'). Only with --right.  "
         "[default: smooth with --dual-pixel, else split]",
         LENS_OPTIONS["dp-model"].parse,
     ),
@@ -63,11 +68,16 @@ _options = [
 @click.argument("blurred", type=FilePath(), metavar="BLURRED")
 @files_option(
     "--right FILE",
-    "Right picture of a dual-pixel pair; BLURRED is the left one.",
+    "The right picture of a dual-pixel pair, whose left picture is BLURRED.",
     FilePath(),
     is_common=True,
 )
-@output_option("-o --out LENS.toml", "Lens file to write.", FilePath(), is_common=True)
+@output_option(
+    "-o --out LENS.toml",
+    "Lens file to write, ending in .toml; without it, the lens is only printed.",
+    FilePath(),
+    is_common=True,
+)
 @output_option("--overwrite", "Replace an existing lens file.", is_common=True)
 @bundle("options", FitOptions, _options)
 @reading_options()
@@ -83,11 +93,15 @@ def command(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Find focus and f-number by which SHARP with its DEPTH looks like BLURRED.
+    """Find the lens that blurs SHARP to BLURRED: its focus and its f-number.
 
-    The radius of the blur is affine in 1/depth. So depth of unknown scale and shift is enough: give
-    any --depth-range, and use the lens file with the same one. Pixels that are clipped, or that a
-    rendering must invent, hardly count. The magnification of BLURRED is found, too.
+    SHARP and BLURRED show the same scene, and DEPTH is its depth. The magnification of BLURRED
+    relative to SHARP is found, too, up to 2 %. Pixels that are clipped, or hidden in SHARP, do not
+    count.
+
+    Depth of unknown scale and offset, as networks estimate it, is enough: give any --depth-range,
+    and give the same one when you render with the lens file. The radii of the blur are then right,
+    but distance and f-number are not those of the scene.
 
     \b
     Examples:

@@ -30,13 +30,14 @@ from defocus_core.system.text import counted
 def command(
     files: tuple[Path, ...], lenses: PictureLenses | None, reading: Reading, as_json: bool
 ) -> None:
-    """Show the content of colour and depth files, as 'defocus render' would read them.
+    """Show what colour and depth files contain, and how 'defocus render' would read them.
 
-    With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. For colour and depth together, use
-    'defocus render' with --dry-run.
+    For each file: its size in px, parts, channels and number types, and the range of its depth in
+    metres. With a lens, also the range of the radius of the blur in px, negative nearer than the
+    focus. For a pattern like 'shot.####.exr', a line shows the frames, gaps and sizes.
 
-    For patterns like 'shot.####.exr', a line shows the frames, gaps and sizes.
+    Files are read one by one; 'defocus render' with --dry-run checks colour and depth together. If
+    a file cannot be read, an error names it, and the other files are shown.
 
     \b
     Examples:
@@ -105,7 +106,7 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _layout(part: Mapping[str, Any]) -> str:
-    """Views, windows and pixel aspect of a part of an EXR, in words, where they are unusual."""
+    """Views, windows and pixel aspect of a part of an EXR in words; empty if all are usual."""
     words = []
     if part["views"]:
         words.append(f"view{'s' * (len(part['views']) > 1)} {', '.join(part['views'])}")

@@ -1,4 +1,4 @@
-"""``defocus lenses``: list the lens files that ship, or draw their looks."""
+"""``defocus lenses``: list the lens files that come with defocus, or draw their blur."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from defocus_core.request.lens_files import shipped_lenses
 @click.command("lenses", cls=GroupedCommand)
 @output_option(
     "-o --out FILE.png",
-    "Contact sheet to write: the same lights, at the same radii, with each lens.",
+    "Sheet to write, which shows the same lights, blurred by the same radii, with each lens.",
     FilePath(),
 )
 @output_option("--overwrite", "Replace an existing file.")
 @json_option
 def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
-    """List the lens files that ship with defocus, by their names for --lens.
+    """List the lens files that come with defocus, by their names for --lens.
 
-    A lens that ships has no focus: give one. Other options win over those of the lens.
+    They set no focus: add --focus or --focus-at. Other options win over those of the lens file.
+    Below them, the measured sensors are listed, by their names for --dp-model.
 
     \b
     Examples:

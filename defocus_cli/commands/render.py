@@ -29,22 +29,23 @@ from defocus_core.request.pairing import find
 from defocus_core.request.picture_lenses import PictureLenses
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
-_HELP = f"""Defocus COLOR as a lens would at the distances of DEPTH; write OUT/<kind>/<stem>.<ext>.
+_HELP = f"""Defocus the picture COLOR, whose distances are in DEPTH, as a lens would.
 
-COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH, COLOR
-is an EXR that holds both, or a directory of such files. Patterns like 'shot.####.exr' or
-'shot.%04d.exr' are the frames of a shot, which pair up by number ('defocus help shots').
+COLOR and DEPTH are two files. They may be two directories, whose files pair up by stem: a/x.png
+with b/x.exr. They may be patterns like 'shot.####.exr' for the frames of a shot ('defocus help
+shots'). Without DEPTH, each colour file must hold depth, too, as an EXR or a photograph of a phone
+can.
 
-OUT/journal.jsonl records finished pictures. The same command, given again, renders the rest, and
-pictures whose inputs, options or outputs changed. Files that are not in the journal, and pictures
-of another lens, are not replaced: give another OUT. --view left,right renders each view; its name
-becomes part of the file name.
+The outputs are OUT/<kind>/<stem>.<ext>; <stem> is the name of the colour file without its suffix.
+--view left,right renders two views of an EXR, whose names are added to the stem.
+
+OUT/journal.jsonl records finished pictures. The same command, given again, renders only what is
+missing, and pictures whose inputs, options or outputs changed. Pictures of another lens, and files
+that are not in the journal, are not replaced: give another OUT for them.
 
 \b
 Kinds:
 {_KINDS}
-
---dry-run opens the inputs and renders nothing.
 
 \b
 Examples:
@@ -69,7 +70,10 @@ Examples:
 @check_inputs_option
 @json_option
 @verbose_option
-@option("--dry-run", "Show the files to read and write and the memory, without rendering.")
+@option(
+    "--dry-run",
+    "Open the inputs, and print the files to read and write and the memory needed; render nothing.",
+)
 def command(
     color: Path,
     depth: Path | None,
@@ -84,7 +88,7 @@ def command(
     verbose: bool,
     dry_run: bool,
 ) -> None:
-    """Parse the options, render the pictures that are not done, and report."""
+    """Render the pictures that are not finished yet, and report."""
     pictures, every = find(color, depth, others, frames=shot.frames)
     if not lenses.is_complete:
         from defocus_core.picture.subject import with_blur_and_focus
@@ -126,7 +130,7 @@ def command(
 def _with_lenses(
     pictures: Sequence[PictureFiles], lenses: PictureLenses, *, verbose: bool
 ) -> Iterator[tuple[PictureFiles, LensValues]]:
-    """Each picture and its lens; reports options from metadata where they change."""
+    """Each picture and its lens; if ``verbose``, print options from metadata when they change."""
     said: object = None
     for picture in pictures:
         lens, metadata = lenses.lens_of(picture)

@@ -18,16 +18,17 @@ from defocus_core.request.origin import KEPT
 @click.argument("out", type=FilePath())
 @option(
     "--failures N",
-    "Show at most the last N failed jobs.",
+    "List the last N failed jobs; 0 lists none.",
     click.IntRange(min=0),
     default=10,
     show_default=True,
 )
 @json_option
 def command(out: Path, failures: int, as_json: bool) -> None:
-    """Show the progress of the batch in OUT: jobs done and left, failed ones with reasons.
+    """Show the progress of the batch in OUT: numbers of jobs done and left, and failed jobs.
 
-    It only reads the journal, so it may run during the batch.
+    Failed jobs are listed with their reasons. The command only reads the journal of the batch, so
+    you can run it while the batch runs.
 
     \b
     Examples:

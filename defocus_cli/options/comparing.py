@@ -1,4 +1,4 @@
-"""Options of comparisons, which commands get as ``asked``: rules, what is compared, reports."""
+"""Options of comparisons: rules, what is compared, reports."""
 
 from __future__ import annotations
 
@@ -33,8 +33,11 @@ _REPORTS = ("diff", "junit", "html", "markdown", "causes")  # attributes of Comp
 _rule_option = partial(option, heading="Rules")
 _selecting_option = partial(option, heading="What is compared")
 _report_option = partial(option, heading="Reports")
-_DIFF = "Write differences to this directory: signed in NAME.diff.exr, amplified in NAME.diff.png."
-_HTML = "Write a report for a browser: one file, with the pictures in it."
+_DIFF = (
+    "For each picture that differs, write two to this directory: the signed difference B - A, "
+    "NAME.diff.exr, and a visible one, NAME.diff.png."
+)
+_HTML = "Write a report for a browser: one file that holds the pictures, too."
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class ComparisonOptions:
 
     @property
     def task(self) -> Task:
-        """The comparison to make of each pair."""
+        """The task to carry out for each pair."""
         return Task(self.rules, self.settings, self.diff, self.causes)
 
     def write_reports(
@@ -64,7 +67,7 @@ class ComparisonOptions:
         seconds: float,
         processes: int,
     ) -> Failures:
-        """Write the requested reports; returns the errors."""
+        """Write the requested reports; return the errors of those that cannot be written."""
         failures = Failures()
         with failures.kept():
             if self.junit is not None:
@@ -79,7 +82,7 @@ class ComparisonOptions:
 
 
 def comparison_options() -> Decorator:
-    """Pass ``asked`` to a command: rules, what is compared, and reports."""
+    """Add the options of comparisons to a command, which gets them as ``asked``."""
 
     def make(
         fail: tuple[Rule, ...],
@@ -110,39 +113,42 @@ def _rules() -> list[Decorator]:
     return [
         _rule_option(
             "--fail RULE",
-            "A picture fails if it meets the rule, like 'hdr-p99.9>0.01' or 'found:clipped'; "
-            "may be repeated. Differing values alone then no longer fail.",
+            "Rule by which a picture fails, like 'hdr-p99.9>0.01' for a metric or 'found:clipped' "
+            "for a cause; may be repeated. Pictures that meet no rule pass, even if values differ. "
+            "[default: any difference of values fails]",
             rule,
             multiple=True,
         ),
         _rule_option(
             "--warn RULE",
-            "A picture that passes gets a warning if it meets the rule.",
+            "Rule by which a picture that passes gets a warning; may be repeated.",
             rule,
             multiple=True,
         ),
         _rule_option(
             "--over DIFFERENCE",
-            f"Difference of a channel above which 'share' counts a pixel.  [default: {OVER}]",
+            "Difference above which the metrics 'share' and 'pixels' count a pixel; white is 1.  "
+            f"[default: {OVER}]",
             _difference,
         ),
         _rule_option(
             "--like",
-            "Rules, where no others are given, for B made by the same program on another "
-            "machine (render) or on the same one (golden), or by a lossy codec (encoder).",
+            "Ready-made rules, by where B comes from: golden, the same program and machine; "
+            "render, the same program on another machine; encoder, a lossy codec. --fail replaces "
+            "them.",
             list(PRESETS),
         ),
         _rule_option(
             "--thresholds FILE",
-            "TOML file with fail, warn, over and ignore-channels, for all pictures and patterns "
-            "of names; options win.",
+            "TOML file of rules: fail, warn, over and ignore-channels, for all pictures or for "
+            "those whose names match a pattern. Options on the command line win over it.",
             FilePath(),
         ),
-        _rule_option("--metadata", "Differing metadata fails, too."),
+        _rule_option("--metadata", "Pictures fail if their metadata differs, too."),
         _rule_option(
             "--ignore-metadata NAME,…",
-            "Attributes that may differ, besides times and the program that wrote the file; "
-            "* stands for any characters.",
+            "Metadata that may differ, like 'capDate,exif:*'; * stands for any characters. Times "
+            "and the program that wrote the file may always differ.",
             several(str),
             default=(),
         ),
@@ -153,19 +159,22 @@ def _selection() -> list[Decorator]:
     return [
         _selecting_option(
             "--ignore-channels NAME,…",
-            "All channels but these: 'rand.*', or '[!RGB]*' for all but R, G and B.",
+            "Leave out these channels, like 'rand.*'; '[!RGB]*' leaves out all but R, G and B.",
             several(str),
             default=(),
         ),
         _selecting_option(
             "--region X,Y,W,H",
-            "Only these pixels, counted from the top left of the picture.",
+            "Compare only this rectangle: column and row of its top left pixel, counted from 0, "
+            "width and height in px, like 0,0,64,64.  [default: the whole picture]",
             region,
         ),
-        _selecting_option("--mask FILE", "Only pixels where this picture is not 0.", FilePath()),
+        _selecting_option(
+            "--mask FILE", "Compare only pixels where this picture is not 0.", FilePath()
+        ),
         _selecting_option(
             "--ignore-region X,Y,W,H",
-            "All pixels but these; may be repeated.",
+            "Leave out this rectangle, as for --region; may be repeated.",
             region,
             multiple=True,
         ),
@@ -185,19 +194,21 @@ def _reports() -> list[Decorator]:
     return [
         _report_option(
             "--causes",
-            f"Failing pairs whose cause is sought: the first {FIRST}, all or none; "
-            "a rule like 'found:noise' seeks it in all.  [default: first]",
+            f"In which pictures that fail to look for the cause: the first {FIRST}, all, or none. "
+            "A rule like 'found:noise' looks for its cause in all pictures.  [default: first]",
             list(CAUSES),
             default="first",
         ),
         _report_option("--diff DIR", _DIFF, FilePath()),
         _report_option(
-            "--junit FILE", "Write JUnit XML with a test case for each pair.", ReportPath("junit")
+            "--junit FILE",
+            "Write a JUnit XML file, with a test case for each picture.",
+            ReportPath("junit"),
         ),
         _report_option("--html FILE.html", _HTML, ReportPath("html")),
         _report_option(
             "--markdown FILE.md",
-            "Write a summary for a pull request: a table of failures, the worst pictures, causes.",
+            "Write a summary for a pull request: pictures that fail, the worst five, causes.",
             ReportPath("markdown"),
         ),
     ]

@@ -1,4 +1,4 @@
-"""Options of jobs, made of rows of tables; the resolver parses their texts."""
+"""Options of jobs, made from the tables of `defocus_core.request`, which parses their values."""
 
 from __future__ import annotations
 
@@ -51,7 +51,10 @@ from defocus_core.system.process import cores
 
 
 def param_option(param: Param, text: str = "") -> Decorator:
-    """The option of a row, a text or a path; `text` replaces the help text of the row."""
+    """The click option of a row of a table; its value stays a text or a path.
+
+    `text`: a help text that replaces that of the row.
+    """
     settings: dict[str, Any] = {"heading": param.heading, "is_common": param.is_common}
     spelling = f"--{param.name} {param.metavar}"
     if param.toggle:
@@ -66,13 +69,16 @@ def param_option(param: Param, text: str = "") -> Decorator:
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
-    """The options of `rows` that were given, out of the values of all parameters."""
+    """The options of `rows` that were given on the command line.
+
+    `values`: the values of all parameters of the command, by name.
+    """
     given = {name: values.get(name.replace("-", "_")) for name in rows}
     return layer_of(given, rows, CALLER.with_field)
 
 
 class LensFile(FilePath):
-    """The path of a lens file, or the @NAME of one that ships."""
+    """The type of ``--lens``: the path of a lens file, or the @NAME of a shipped one."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path of the file."""
@@ -83,15 +89,16 @@ class LensFile(FilePath):
 
 def _lens_options(names: Iterable[str]) -> list[Decorator]:
     text = (
-        'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
-        "('defocus lenses'); other options win over it."
+        'TOML file of lens options, with lines like focal-length = "50mm"; or the @NAME of a lens '
+        "that comes with defocus, as 'defocus lenses' lists them. Options on the command line win "
+        "over the file."
     )
     file = lens_option("--lens FILE.toml", text, LensFile(), into="lens_file", is_common=True)
     return [*(param_option(LENS_OPTIONS[name]) for name in names), file]
 
 
 def opening_options() -> Decorator:
-    """Pass ``lens`` to a command: only the opening and the photodiodes of a lens."""
+    """Add the options of aperture and photodiodes to a command, which gets them as ``lens``."""
 
     def make(lens_file: Path | None, **values: Any) -> LensValues:
         from defocus_core.request.lens_files import read_lens_file
@@ -107,7 +114,10 @@ def opening_options() -> Decorator:
 def reading_options(
     are_of: Callable[[ReadingParam], bool] = lambda row: not row.of_render,
 ) -> Decorator:
-    """Pass ``reading`` to a command, by options of the rows for which `are_of` is true."""
+    """Add options of reading to a command, which gets them as ``reading``.
+
+    `are_of`: whether the command has the option of a row.
+    """
     rows = filter(are_of, READING_OPTIONS.values())
     return bundle("reading", _asked_reading, list(map(param_option, rows)))
 
@@ -123,7 +133,7 @@ def _asked_reading(**_: Any) -> Reading:
 
 @dataclass(frozen=True)
 class ShotOptions:
-    """The options of a shot except its lens."""
+    """The options of a shot, without those of its lens."""
 
     frames: FrameChoice  # the wanted frames
     together: Layer  # decisions that the frames share
@@ -131,7 +141,7 @@ class ShotOptions:
 
 
 def shot_options(command: Command) -> Command:
-    """Pass ``shot`` to a command."""
+    """Add the options of shots to a command, which gets them as ``shot``."""
     rows = (INPUT_OPTIONS["frames"], INPUT_OPTIONS["missing"], *SHOT_OPTIONS.values())
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
@@ -144,17 +154,18 @@ def shot_options(command: Command) -> Command:
 def shot_lens_options(
     *, required: bool, names: Iterable[str] = LENS_OPTIONS, moving: bool = True
 ) -> Decorator:
-    """Pass ``lenses`` to a command: PictureLenses, or None if neither given nor required.
+    """Add lens options to a command, which gets them as ``lenses``; None if there are none.
 
-    `names`: the options that affect the output; `moving`: whether the command has frames.
+    `required`: whether ``lenses`` is never None. `names`: the lens options of the command.
+    `moving`: whether it has the option ``--animate``.
     """
     options = [
         *_lens_options(names),
         *map(param_option, ANIMATION_OPTIONS.values() if moving else ()),
         lens_option(
             "--lens-from-metadata",
-            "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
-            "shows which. Other options win over it.",
+            "Take the lens from the metadata of each colour file: attributes of OpenEXR or V-Ray, "
+            "or Exif. Options on the command line win over it; -v prints what was found.",
             into="metadata",
         ),
     ]
@@ -184,7 +195,7 @@ def shot_lens_options(
 
 
 def others_options(command: Command) -> Command:
-    """Pass ``others`` to a command: the hidden, over, holdout and matte files of a picture."""
+    """Add the options of further input files to a command, which gets them as ``others``."""
     rows = [INPUT_OPTIONS[name] for name in ("hidden", "over", "over-depth", "holdout", "matte")]
     return bundle("others", _others, list(map(param_option, rows)))(command)
 
@@ -197,19 +208,21 @@ def _others(**given: Any) -> Others:
 
 
 def output_options(command: Command) -> Command:
-    """Pass ``outputs`` to a command: what to write, and where."""
+    """Add the options of outputs to a command, which gets them as ``outputs``."""
     rows = [row for row in OUTPUT_OPTIONS.values() if row.only != "files"]
     options = [
         output_option(
             "-o --out OUT",
-            "Directory to write to; or a file like picture.png, for one kind of one "
-            "picture, without a journal.",
+            "Directory to write to. For one kind of output of one picture it may be a file, like "
+            "picture.png; no journal is written then.",
             FilePath(),
             into="root",
             required=True,
         ),
         *map(param_option, rows),
-        output_option("--overwrite", "Render again and replace existing files.", is_common=True),
+        output_option(
+            "--overwrite", "Render all pictures again, and replace existing files.", is_common=True
+        ),
     ]
 
     def make(root: Path, overwrite: bool, **values: Any) -> Outputs:
@@ -220,7 +233,7 @@ def output_options(command: Command) -> Command:
 
 
 def machine_options(*names: str) -> Decorator:
-    """Pass ``machine`` to a command, with some of the options of a machine."""
+    """Add the named options of the machine to a command, which gets them as ``machine``."""
 
     def make(**values: Any) -> Machine:
         given = fields_of(given_options(values, MACHINE_OPTIONS))

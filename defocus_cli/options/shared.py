@@ -39,20 +39,20 @@ class FilePath(click.ParamType[Path]):
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path, refused if it is empty, as ``"$UNSET"`` would be."""
+        """The path; an error if it is empty, as by a shell variable that is not set."""
         if not str(value):
             raise UsageProblem("empty", "is empty", "give a path", path=position_of(param))
         return Path(value)
 
 
 class ReportPath(FilePath):
-    """The path of a report, checked before the work so that it replaces no other file."""
+    """The path of a report. An error is raised before the work if it would replace another file."""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path, if it does not exist or is an earlier report."""
+        """The path; an error if it exists and is not an earlier report."""
         from defocus_core.io.write_files import require_replaceable
         from defocus_core.request.output_kinds import PICTURES
 
@@ -71,7 +71,7 @@ class Words(click.Choice[str]):
     """Words to choose from."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The word, or an error with the replacement of a removed one."""
+        """The word; an error if it is unknown, which names the replacement of a removed word."""
         where = position_of(param)
         if value not in self.choices and (remedy := gone.remedy("value", value, where.field)):
             raise UsageProblem("unknown-name", f"'{value}' is not known", remedy, path=where)
@@ -79,14 +79,14 @@ class Words(click.Choice[str]):
 
 
 class Quantity(click.ParamType[Any]):
-    """A quantity with its unit, read by a parser of ``quantities``."""
+    """A quantity with its unit, parsed by a function of `defocus_core.request.quantities`."""
 
     def __init__(self, parse: Callable[[str], Any], name: str) -> None:
         self.parse = parse
         self.name = name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Parse ``value``; parsed values pass."""
+        """The parsed ``value``; a value that is no text is returned as it is."""
         return read_at(position_of(param), self.parse, value) if isinstance(value, str) else value
 
 
@@ -102,7 +102,7 @@ _MANY = 25  # greatest number of options that short help shows in full
 
 
 class GroupedOption(click.Option):
-    """An option that help shows under a heading, in short help only if it is common."""
+    """An option that the help shows under a heading; the short help only if it is common."""
 
     def __init__(
         self, *args: Any, heading: str = "Options", is_common: bool = False, **settings: Any
@@ -141,7 +141,7 @@ class GroupedCommand(click.Command):
         return super().get_help(ctx)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse, and make the objects that bundles pass to the command."""
+        """Parse ``args``, and replace the values of each `bundle` by its object."""
         ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]
         try:
             rest = super().parse_args(ctx, args)
@@ -156,7 +156,7 @@ class GroupedCommand(click.Command):
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write a section for each heading, and a line on options that are left out."""
+        """Write the options of each heading, and how many options are left out."""
         sections: dict[str, list[tuple[str, str]]] = {}
         rare = ctx.meta.get("left_out", self._rare)
         left_out = Counter(param.heading for param in rare)
@@ -188,7 +188,7 @@ def option(
     heading: str = "Options",
     **settings: Any,
 ) -> Decorator:
-    """An option, spelled as in help, like ``-o --out FILE``, under a heading.
+    """An option that is spelled as in the help, like ``-o --out FILE``, under a heading.
 
     `kind` is a type, the words to choose from, or a parser of quantities; an option without a value
     is a flag. ``into`` is the name of the parameter, by default that of the option.
@@ -214,7 +214,10 @@ output_option = functools.partial(option, heading="Output")
 
 
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
-    """Add ``options`` to a command and pass ``make`` of their values as ``name``."""
+    """Add options to a command, which gets an object made from their values.
+
+    The command gets ``make(**values)`` as its argument ``name``.
+    """
 
     def decorate(command: Any) -> Command:
         for option in reversed(options):
@@ -229,10 +232,11 @@ def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) ->
 
 
 def check_inputs_option(command: Command) -> Command:
-    """Pass ``check_inputs`` to a command: stat or hash."""
+    """Add ``--check-inputs`` to a command, which gets ``check_inputs``: stat or hash."""
     return machine_option(
         "--check-inputs",
-        "Detection of changed inputs of finished pictures: by size and time, or by content.",
+        "How to see that an input of a finished picture changed, so that it is rendered again: "
+        "stat compares size and time of the file, hash its content.",
         ["stat", "hash"],
         default="stat",
         show_default=True,
@@ -240,37 +244,39 @@ def check_inputs_option(command: Command) -> Command:
 
 
 def json_option(command: Command) -> Command:
-    """Pass ``as_json`` to a command."""
-    text = "Print one JSON document on stdout.  ('defocus help json')"
+    """Add ``--json`` to a command, which gets ``as_json``."""
+    text = "Print the result as one JSON document on stdout; 'defocus help json' lists its fields."
     return option("--json", text, into="as_json")(command)
 
 
 def verbose_option(command: Command) -> Command:
-    """Pass ``verbose`` to a command; ``--quiet`` leaves warnings and errors alone."""
+    """Add ``--verbose`` and ``--quiet`` to a command, which gets ``verbose`` alone."""
 
     def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
         if value and ctx.params.get("verbose"):
-            raise UsageProblem("contradiction", "stands beside -v", "keep one", field="quiet")
+            raise UsageProblem(
+                "contradiction", "contradicts -v", "leave one of them out", field="quiet"
+            )
         Due.quiet = value
 
     text = "Print only warnings and errors."
     quiet = option("-q --quiet", text, expose_value=False, callback=be_quiet)
-    text = "Print more details on stderr."
+    text = "Print more on stderr, such as how files were read."
     verbose = option("-v --verbose", text, is_eager=True)
     return verbose(quiet(command))
 
 
 def contact_option(command: Command) -> Command:
-    """Pass ``contact`` to a command: the number of pictures on a contact sheet, or None."""
-    text = "Also write N of the pictures, small, to OUT/contact.png."
+    """Add ``--contact`` to a command, which gets ``contact``: a number of pictures, or None."""
+    text = "Also write a sheet of N small pictures, OUT/contact.png."
     return output_option("--contact N", text, click.IntRange(min=1, max=400))(command)
 
 
 def dataset_options(command: Command) -> Command:
-    """Pass ``shards_size`` to a command, bytes or None."""
+    """Add ``--shards-size`` to a command, which gets ``shards_size`` in bytes, or None."""
     return option(
         "--shards-size SIZE",
-        "At the end, pack the samples into WebDataset tars of this size, like 1GB; "
-        "existing tars are packed again if their samples changed.",
+        "At the end, pack the samples into WebDataset tar files of this size, like 1GB. Tar files "
+        "of an earlier run are packed again only if their samples changed.",
         byte_count,
     )(command)

@@ -59,24 +59,27 @@ _READING = (
         is_common=True,
         parse=lambda text: _FORMAT(text.lower()),
         metavar="NAME",
-        help="Format of the depth file, like kitti; 'defocus help depth' lists all formats.",
+        help="Format of the depth file, by its name, like kitti; 'defocus help depth' lists all "
+        "names.",
     ),
     ReadingParam(
         name="depth-unit",
         choices=tuple(UNITS),
-        help="Unit of the depth.  [default: m; mm in 16-bit PNG]",
+        help="Unit of the numbers in the depth file.  [default: m; mm in 16-bit PNG]",
         is_common=True,
     ),
     ReadingParam(
         name="depth-scale",
         parse=quantities.scale,
         metavar="FACTOR",
-        help="Factor by which the numbers of the depth file are multiplied, like 1/256.",
+        help="Multiply the numbers of the depth file by this factor, like 0.001 or 1/256.  "
+        "[default: 1]",
     ),
     ReadingParam(
         name="depth-kind",
         choices=DEPTH_KINDS,
-        help="Meaning of the numbers in the depth file. [default: depth]",
+        help="What the numbers in the depth file are: depth, or disparity (1/depth).  [default: "
+        "depth]",
         is_common=True,
     ),
     ReadingParam(
@@ -85,9 +88,9 @@ _READING = (
         parse=quantities.distances,
         words=2,
         metavar="NEAR FAR",
-        help="Distances of the least and the greatest value of the number type: 0 and 255 or "
-        "65535, or 0 and 1. In depth, 0 is NEAR; in disparity, 0 is FAR. Give them in the other "
-        "order if the file is reversed.",
+        help="Distances that the ends of the number range stand for, like 2m 50m. The ends are 0 "
+        "and 255 in files of 8 bits, 0 and 65535 of 16 bits, 0 and 1 in float. Depth: 0 is "
+        "NEAR. Disparity: 0 is FAR. If the file has it the other way round, give FAR NEAR.",
         unit="mm",
         separator=" ",
     ),
@@ -95,34 +98,39 @@ _READING = (
         name="focal-px",
         parse=quantities.pixel_count,
         metavar="PX",
-        help="Focal length in px of the depth file, for disparity and for ‹radial›.",
+        help="Focal length in px of the depth file, like 721.5. Disparity of a stereo pair needs "
+        "it, and ‹radial› can use it in place of ‹fov›.",
     ),
     ReadingParam(
         name="baseline",
         parse=quantities.distance,
         metavar="LENGTH",
-        help="Distance between the two cameras of a stereo pair, for disparity, like 65mm.",
+        help="Distance between the two cameras of a stereo pair, like 65mm, to convert disparity "
+        "to depth.",
         unit="mm",
     ),
     ReadingParam(
         name="doffs",
         parse=quantities.number,
         metavar="PX",
-        help="Offset in px that is added to disparity: the difference of the two principal points.",
+        help="Number of px to add to disparity before it is converted to depth: the horizontal "
+        "distance between the principal points of the two cameras.  [default: 0]",
     ),
     ReadingParam(
         name="radial",
         stored_as="geometry",
         flag=True,
         parse=always("radial"),
-        help="The numbers are distances to the camera's centre, not along the axis.",
+        help="The numbers are distances from the camera to the point, not depth along the "
+        "optical axis; they are converted with ‹fov›, ‹focal-px› or the lens.",
     ),
     ReadingParam(
         name="planar",
         stored_as="geometry",
         flag=True,
         parse=always("planar"),
-        help="The numbers are depth along the optical axis.",
+        help="The numbers are depth along the optical axis, even if ‹depth-format› or the file "
+        "says otherwise.",
         instead_of="radial",
     ),
     ReadingParam(
@@ -130,69 +138,80 @@ _READING = (
         is_common=True,
         toggle=True,
         parse=switch,
-        help="Whether black is near in relative disparity, with ‹blur›.  [default: no; for one "
-        "photograph, found from its depth]",
+        help="With ‹blur›: black is near, or white is near.  [default: white is near; for a "
+        "single photograph, found from its depth]",
         of_pictures=True,
     ),
     ReadingParam(
         name="fov",
         parse=quantities.field_of_view,
         metavar="DEG",
-        help="Horizontal field of view, for ‹radial›.  [default: the lens's]",
+        help="Horizontal field of view in degrees, like 60, for ‹radial›.  [default: that of the "
+        "lens]",
     ),
     ReadingParam(
         name="sky",
         parse=quantities.number,
         metavar="NUMBER",
-        help="Numbers that are sky: of depth, this and greater ones; of disparity, this and less.",
+        help="Treat this number and all beyond it as sky, infinitely far away: greater ones in "
+        "depth, smaller ones in disparity.",
     ),
     ReadingParam(
         name="invalid-value",
         parse=quantities.number,
         metavar="NUMBER",
-        help="This number means no depth, like 65535.",
+        help="Treat this number, like 65535, as a pixel without depth; ‹invalid› says what to do "
+        "with it.",
     ),
     ReadingParam(
         name="invalid",
         choices=INVALID,
-        help="Treatment of pixels without depth: an error, infinitely far, or filled from the "
-        "farther neighbour.  [default: error]",
+        help="What to do with pixels without depth: stop with an error, take them as infinitely "
+        "far, or fill them from the farther of the two neighbours in the row.  [default: "
+        "error]",
     ),
     ReadingParam(
         name="resize-depth",
         choices=RESIZES,
-        help="Resize depth whose size is not that of the colour: nearest pixel, or guided, with "
-        "edges where the colours change.  [default: guided, for smaller depth of the same aspect]",
+        help="Resize depth to the size of the colour. nearest copies the nearest pixel; guided "
+        "puts depth edges where the colours change.  [default: guided if the depth is "
+        "smaller and of the same aspect ratio, else an error]",
         of_pictures=True,
     ),
     ReadingParam(
         name="depth-repair",
         choices=DEPTH_REPAIRS,
-        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
-        "uses it as it is.  [default: auto]",
+        help="auto finds and repairs noise, soft or displaced edges, and coarse levels in the "
+        "depth; off uses the depth as it is.  [default: auto]",
         of_pictures=True,
     ),
     ReadingParam(
         name="edge-width",
         parse=_edge_width,
         metavar="PX",
-        help="Width of the softest edges of the depth, like 8px; 0 if edges are hard.  "
-        "[default: measured]",
+        help="Width in px of the softest edges of the depth, like 8px, 0 to 100; 0 means that "
+        "all edges are hard.  [default: measured in the depth]",
         of_pictures=True,
     ),
     ReadingParam(
         name="depth-channel",
         metavar="NAME",
-        help="Depth channel of an EXR, or array of an NPZ or HDF5.",
+        help="Name of the channel that holds depth in an EXR, like Z, or of the array in an NPZ "
+        "or HDF5 file.  [default: found by its name]",
     ),
     ReadingParam(
-        name="color-layer", metavar="NAME", help="Colour layer of an EXR.", of_pictures=True
+        name="color-layer",
+        metavar="NAME",
+        help="Name of the EXR layer that holds the colour, like ViewLayer.Combined.  [default: "
+        "found by its name]",
+        of_pictures=True,
     ),
     ReadingParam(
         name="blur-channels",
         parse=several(str),
         metavar="NAME,…",
-        help="Further EXR channels to blur with the picture, like diffuse.*; others are copied.",
+        help="Further EXR channels that are light, like 'diffuse.*,specular.*', to blur with the "
+        "picture; all other channels are copied.",
         separator=",",
         of_pictures=True,
         of_render=True,
@@ -201,13 +220,14 @@ _READING = (
         name="part",
         parse=quantities.whole,
         metavar="N",
-        help="Part of an EXR, page of a TIFF or frame of an array, counted from 0.",
+        help="Number of the part of an EXR, of the page of a TIFF or of the frame of an array, "
+        "counted from 0.",
     ),
     ReadingParam(
         name="view",
         metavar="NAME",
-        help="View of a multi-view EXR, like left; 'defocus render' takes several, left,right. "
-        "[default: the first of the file]",
+        help="Name of the view to read from an EXR of several cameras, like left. 'defocus "
+        "render' takes several, like left,right.  [default: the first view in the file]",
     ),
 )
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _READING}
@@ -236,7 +256,8 @@ _ROWS = (
         is_common=True,
         parse=several(one_of(KINDS, "unknown-name")),
         metavar="KIND,…",
-        help=f"Kinds of output to write: {', '.join(KINDS)}.  [default: render]",
+        help=f"Kinds of output to write, separated by commas: {', '.join(KINDS)}.  [default: "
+        "render]",
         separator=",",
     ),
     OutputParam(
@@ -244,19 +265,20 @@ _ROWS = (
         is_common=True,
         parse=image_format,
         choices=tuple(SUFFIXES),
-        help=f"File type of the images; maps ({', '.join(MAPS)}) are always float.  "
+        help=f"File type of the images; ‹map-format› is that of the maps ({', '.join(MAPS)}).  "
         "[default: exr, or that of the file -o]",
     ),
     OutputParam(
         name="map-format",
         choices=MAP_FORMATS,
-        help="File type of the maps: EXR, or float TIFF, which more image libraries read.  "
+        help="File type of the maps: float EXR, or float TIFF, which more image libraries read.  "
         "[default: exr]",
     ),
     OutputParam(
         name="exr-type",
         choices=("half", "float"),
-        help=f"Number type of EXR images.  [default: {Outputs.exr_type}]",
+        help="Number type of EXR images: half has 16 bits, float 32. Maps are always float.  "
+        f"[default: {Outputs.exr_type}]",
         suits=lambda outputs: outputs.format == "exr",
         idle="has no effect on {format}",
         remedy="leave it out, or write the format exr",
@@ -264,7 +286,8 @@ _ROWS = (
     OutputParam(
         name="color-space",
         choices=COLOR_SPACES,
-        help="Convert images other than EXR to sRGB.  [default: keep the colour file's profile]",
+        help="Convert the images to sRGB. EXR stays linear.  [default: keep the colour profile "
+        "of the colour file]",
         suits=lambda outputs: outputs.format != "exr",
         idle="has no effect on {format}, which is linear",
     ),
@@ -272,8 +295,9 @@ _ROWS = (
         name="compression",
         parse=compression,
         metavar="CODEC",
-        help=f"EXR compression: {', '.join(COMPRESSIONS)} (that of the colour file). dwaa:45 sets "
-        f"a level and is lossy.  [default: {Outputs.compression}]",
+        help=f"Compression of EXR files: {', '.join(COMPRESSIONS)} (as in the colour file). dwaa "
+        "is lossy, at level 45 unless a level is given, like dwaa:100; more is smaller.  "
+        f"[default: {Outputs.compression}]",
         suits=lambda outputs: any(n.lower().endswith(".exr") for n in outputs.names("").values()),
         idle="is for EXR, and no EXR is written",
     ),
@@ -281,7 +305,7 @@ _ROWS = (
         name="jpeg-quality",
         parse=whole_within(1, 100),
         metavar="1…100",
-        help=f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
+        help=f"Quality of JPEG and WEBP images; 100 is best.  [default: {Outputs.jpeg_quality}]",
         suits=lambda outputs: outputs.format in LOSSY,
         idle="has no effect on {format}",
         remedy="leave it out, or write the format jpg",
@@ -291,20 +315,20 @@ _ROWS = (
         is_common=True,
         flag=True,
         parse=always(True),
-        help="Also write OUT/<kind>/<stem>.preview.png to look at.",
+        help="Also write a PNG of each output to look at, OUT/<kind>/<stem>.preview.png.",
     ),
     OutputParam(
         name="keep-overscan",
         flag=True,
         parse=always(True),
-        help="Also write the pixels of an EXR beyond its display window. They are blurred in any "
-        "case.",
+        help="Also write the pixels of an EXR outside its display window. Without this option "
+        "they take part in the blur, but are cropped.",
     ),
     OutputParam(
         name="inputs",
         only="files",
         choices=("copy",),
-        help="Also write the sharp picture and its depth, kinds image and depth.",
+        help="Also write the sharp picture and its depth, as kinds image and depth.",
     ),
 )
 OUTPUT_OPTIONS: Mapping[str, OutputParam] = {row.name: row for row in _ROWS}
@@ -314,8 +338,9 @@ _SHOT = (
         name="steady",
         toggle=True,
         parse=switch,
-        help="Decide the repair of depth, and a focus that depends on depth, once for the shot "
-        "instead of for each frame.  [default: steady]",
+        help="Decide once for a whole shot (‹steady›), or for each frame (‹no-steady›), how to "
+        "repair the depth and how far away a focus is that depends on the depth.  [default: "
+        "steady]",
     ),
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}
@@ -330,45 +355,48 @@ _INPUTS = (
         words=2,
         is_path=True,
         metavar="COLOR DEPTH",
-        help="Colour and depth of the surfaces behind the visible ones. Depth inf with colour 0 is "
-        "unknown and is invented; inf with colour is sky.",
+        help="Colour and depth of the surfaces that the visible ones hide. Depth inf with black "
+        "means unknown: that part is invented. Depth inf with another colour is sky.",
     ),
     _file(
         name="over",
         key="over-color",
         is_path=True,
         metavar="PLATE",
-        help="Plate behind the element COLOR; both are blurred as one scene. Its depth comes from "
-        "‹over-depth› or from the EXR; without either it is infinitely far.",
+        help="Picture of the background, the plate, over which to composite the element COLOR; "
+        "both are blurred as one scene. Its depth is that of ‹over-depth› or of its own "
+        "EXR, else infinity.",
     ),
-    _file(name="over-depth", is_path=True, metavar="DEPTH", help="Depth of the plate."),
+    _file(
+        name="over-depth", is_path=True, metavar="DEPTH", help="Depth file of the plate of ‹over›."
+    ),
     _file(
         name="holdout",
         key="holdout-color",
         is_path=True,
         metavar="DEEP",
-        help="Deep EXR that hides what is behind its samples and is not shown, like objects "
-        "composited later.",
+        help="Deep EXR of objects that hide what is behind them but are not shown; composite the "
+        "output over them.",
     ),
     _file(
         name="matte",
         is_path=True,
         metavar="FILE",
-        help="Coverage of the near subject, 0 to 1, as grey or alpha, like that of a portrait "
-        "mode. Its silhouette becomes the edge of the depth, and hair is separated from the "
-        "background.",
+        help="Picture that shows how much of each pixel the near subject covers, from 0 (black) "
+        "to 1 (white), or as alpha, like the matte of a portrait mode. The depth edge moves "
+        "to its outline, hair included.",
     ),
     _shot(
         name="frames",
         metavar="LIST",
-        help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005.  "
-        "[default: all that are there]",
+        help="Frames to render of a pattern like 'shot.####.exr': 1001-1240, every second one "
+        "1001-1240x2, or a list 1001,1005-1010.  [default: all frames found]",
     ),
     _shot(
         name="missing",
         choices=MISSING,
-        help="Treatment of pictures and frames without one of their files: an error, or skipped.  "
-        "[default: error]",
+        help="What to do with a picture or frame that lacks one of its files: stop with an "
+        "error, or skip it.  [default: error]",
     ),
     Param(name="list", only="files"),
     Param(name="pictures", only="files"),
@@ -381,8 +409,8 @@ _ANIMATE = (
         heading="Lens",
         multiple=True,
         metavar="FILE",
-        help="Lens options by frame: a CSV with columns like frame,focus,fnumber, or a "
-        "TOML.  ('defocus help shots')",
+        help="File of lens options that change by frame: CSV with columns like "
+        "frame,focus,fnumber, or TOML; 'defocus help shots' explains both.",
     ),
 )
 ANIMATION_OPTIONS = {row.name: row for row in _ANIMATE}
@@ -392,36 +420,40 @@ _MACHINE = (
     _machine(
         name="quality",
         choices=QUALITIES,
-        help=f"Accuracy; higher takes longer.  [default: {Machine.quality}]",
+        help="Accuracy of the rendering; higher quality takes longer.  [default: "
+        f"{Machine.quality}]",
         is_common=True,
     ),
     _machine(
         name="device",
         only="commands",
         choices=DEVICES,
-        help=f"Where to compute; auto takes a GPU if there is one.  [default: {Machine.device}]",
+        help="Where to compute: on the CPU, on a GPU (cuda), or auto: on a GPU if there is one.  "
+        f"[default: {Machine.device}]",
     ),
     _machine(
         name="threads",
         only="commands",
         parse=whole_within(1, MAX_THREADS),
         metavar="N",
-        help="Threads to compute with.  [default: one for each core]",
+        help="Number of CPU threads.  [default: one for each core]",
     ),
     _machine(
         name="memory",
         only="commands",
         parse=quantities.byte_count,
         metavar="SIZE",
-        help="Memory limit of a process, like 2GB; pictures that need more are refused.  "
-        "[default: most of what is free]",
+        help="Memory that the process may use, like 2GB; pictures that need more are refused.  "
+        "[default: 80 % of the free memory]",
     ),
     _machine(
         name="tile",
         only="commands",
         parse=whole_within(MIN_TILE, _MAX_TILE),
         metavar="PX",
-        help=f"Side of the tiles in px, at least {MIN_TILE}; it changes the last digits.",
+        help=f"Render by torch in square tiles with a side of this number of px, {MIN_TILE} or "
+        "more. Smaller tiles need less memory; the last digits of the result depend on the "
+        "size.  [default: chosen by the renderer]",
     ),
 )
 MACHINE_OPTIONS = {row.name: row for row in _MACHINE}
@@ -450,7 +482,9 @@ def in_one_file(outputs: Outputs, given: Collection[str]) -> Outputs:
         return outputs
     if outputs.preview:
         remedy = "leave it out, or name a directory"
-        raise UsageProblem("contradiction", f"stands beside -o {path}", remedy, field="preview")
+        raise UsageProblem(
+            "contradiction", f"is not possible for one file, -o {path}", remedy, field="preview"
+        )
     if len(outputs.kinds) > 1:
         problem, remedy = f"are several, -o {path} is one", "name one kind, or a directory"
         raise UsageProblem("contradiction", problem, remedy, field="outputs")

@@ -66,45 +66,50 @@ class Kind:
 _ROWS = (
     Kind("render", "the defocused picture", image=True, rendered=("render",)),
     Kind(
-        "left", "what the left half of the lens sees (dual pixel)", image=True, rendered=("left",)
+        "left",
+        "the picture through the left half of the lens (dual pixel)",
+        image=True,
+        rendered=("left",),
     ),
-    Kind("right", "what the right half of the lens sees", image=True, rendered=("right",)),
+    Kind(
+        "right", "the picture through the right half of the lens", image=True, rendered=("right",)
+    ),
     Kind(
         "coc",
-        "signed radius of the circle of confusion in px, positive beyond the focus",
+        "signed radius of the blur in px: negative nearer than the focus, positive beyond",
         source="radius",
         title="CoC map (signed radius, negative nearer than the focus)",
         unit="px",
     ),
     Kind(
         "disparity",
-        "dual-pixel disparity in px, with the sign of coc",
+        "shift between left and right in px, with the sign of coc",
         source="disparity",
         title="disparity map (between left and right, signed like the CoC)",
         unit="px",
     ),
     Kind(
         "trust",
-        "share of the lens that saw content of the picture: 1 where nothing is invented",
+        "share of the lens that saw known content, 0 to 1; 1 where nothing is invented",
         rendered=("trust",),
         title="trust map (share of the lens that saw content of the picture)",
     ),
     Kind(
         "multiview",
-        "left and right as the views of one EXR",
+        "left and right as two views in one EXR",
         image=True,
         rendered=("left", "right"),
     ),
     Kind(
         "focus",
-        "the picture in false colour, sharp green, nearer orange, beyond blue",
+        "false colours: green in focus, orange nearer, blue beyond",
         image=True,
         source="focus",
     ),
-    Kind("image", "the sharp input picture", image=True, source="color"),
+    Kind("image", "the input picture, sharp", image=True, source="color"),
     Kind(
         "depth",
-        "the input depth along the axis in metres",
+        "the input depth, in metres along the optical axis",
         source="depth",
         channel="Z",
         title="depth map",

@@ -157,7 +157,7 @@ _ROWS = (
         is_common=True,
         parse=quantities.length,
         metavar="LENGTH",
-        help="Focal length, like 50mm.",
+        help="Focal length of the lens, like 50mm. A lens needs focal length, f-number and focus.",
         tag="fl",
         example="50mm",
         stored_as="foclen",
@@ -172,7 +172,7 @@ _ROWS = (
         is_common=True,
         parse=quantities.fnumber,
         metavar="N",
-        help="F-number, like 1.4.",
+        help="F-number of the lens, like 1.4; smaller numbers blur more.",
         tag="f",
         example="1.4",
         stored_as="fnum",
@@ -186,7 +186,8 @@ _ROWS = (
         is_common=True,
         parse=quantities.length,
         metavar="LENGTH",
-        help="Width of the sensor.  [default: 36mm]",
+        help="Width of the sensor that took the picture, like 23.5mm; the picture spans it from "
+        "left to right.  [default: 36mm]",
         tag="sensor",
         example="36mm",
         recorded_as="sensor_width_mm",
@@ -199,7 +200,8 @@ _ROWS = (
         is_common=True,
         parse=quantities.focus,
         metavar="DISTANCE",
-        help="Distance in focus, like 2m or inf; or percentile(50) of the depth.",
+        help="Distance in focus, like 2m or inf; or a percentile of all depths in the picture: "
+        "percentile(50) is the median.",
         tag="focus",
         example="2m",
         stored_as="foc_dist",
@@ -215,7 +217,8 @@ _ROWS = (
         is_common=True,
         parse=quantities.pixel,
         metavar="X,Y",
-        help="Pixel to focus on, counted from 0 at the top left; instead of ‹focus›.",
+        help="Focus on the depth of this pixel, like 640,360: its column and row, counted from 0 "
+        "at the top left. Instead of ‹focus›.",
         tag="at",
         example="240,135",
         recorded_as="focus_at_px",
@@ -227,8 +230,8 @@ _ROWS = (
         name="sharp-range",
         parse=quantities.sharp_range,
         metavar="A..B",
-        help="Distances that are kept sharp as well, like 1.8m..2.4m. Beside ‹blur›, numbers "
-        "of the depth file, like 100..200.",
+        help="Keep a range of distances sharp, too, like 1.8m..2.4m. With ‹blur› it is a range "
+        "of numbers in the depth file, like 100..200.  [default: off]",
         tag="sharp",
         example="1.8m..2.4m",
         unit="mm",
@@ -242,9 +245,10 @@ _ROWS = (
         never_off=True,
         parse=quantities.blur,
         metavar="PX",
-        help="Radius of the most blurred pixel, like 40px, or 2% of the longer side; instead of a "
-        "lens. The depth is then relative disparity of any scale, white near; ‹focus-at› or "
-        "‹focus-value› sets the focus.",
+        help="Blur the most blurred pixel with this radius in px, like 40px, or with this share "
+        "of the longer side of the picture, like 2%. It replaces the lens where depth has "
+        "no unit: the numbers are then relative disparity, white near. Set the focus by "
+        "‹focus-at› or ‹focus-value›.",
         tag="blur",
         example="40px",
         unit="px",
@@ -256,7 +260,7 @@ _ROWS = (
         never_off=True,
         parse=quantities.number,
         metavar="NUMBER",
-        help="Number of the depth file that is in focus, like 128; with ‹blur›.",
+        help="Focus on pixels with this number in the depth file, like 128. Only with ‹blur›.",
         tag="value",
         example="128",
         needs="blur",
@@ -267,8 +271,8 @@ _ROWS = (
         name="clamp-blur",
         parse=quantities.pixel_count,
         metavar="PX",
-        help="Largest radius of the blur, like 60px; a line says how many pixels were limited.  "
-        "[default: no limit]",
+        help="Limit the radius of the blur to this number of px, like 60px; a message counts the "
+        "pixels that it changes.  [default: no limit]",
         tag="clamp",
         example="60px",
         unit="px",
@@ -278,8 +282,9 @@ _ROWS = (
         name="cat-eye",
         parse=quantities.rim,
         metavar="SIZE:DISTANCE",
-        help="Radius of the rim of the lens barrel and its distance from the aperture, in radii of "
-        "the aperture, like 1.05:1.5. Away from the picture's centre it clips the aperture.",
+        help="Clip discs away from the centre of the picture to cat's eyes, as the rim of a lens "
+        "barrel does, like 1.05:1.5. SIZE is the radius of the rim, DISTANCE its distance "
+        "from the aperture, both in radii of the aperture.  [default: off]",
         tag="rim",
         example="1.05:1.5",
         separator=":",
@@ -289,9 +294,10 @@ _ROWS = (
         name="axial-color",
         parse=quantities.shifts,
         metavar="RED:BLUE",
-        help="Axial colour, like 0.1mm:0.1mm: distance by which red and blue focus farther behind "
-        "the lens than green. Positive values give green rims beyond the focus and magenta rims "
-        "in front of it. Beside ‹blur›, shares of it, like 0.05:0.05.",
+        help="Axial chromatic aberration, like 0.1mm:0.1mm: how much farther behind the lens red "
+        "and blue come into focus than green. Positive values give green rims beyond the "
+        "focus and magenta rims in front of it. With ‹blur›, give shares of the blur "
+        "radius, like 0.05:0.05.  [default: off]",
         tag="axial",
         example="0.1mm:0.1mm",
         unit="mm",
@@ -302,7 +308,7 @@ _ROWS = (
         name="vignetting",
         parse=quantities.switch,
         metavar="on|off",
-        help="Darken the corners by the light that the rim blocks. [default: off]",
+        help="Darken each pixel by the light that the rim of ‹cat-eye› blocks.  [default: off]",
         even_in="",
         tag="vignetting",
         example="on",
@@ -314,7 +320,8 @@ _ROWS = (
         name="blades",
         parse=quantities.blades,
         metavar="N",
-        help="Number of aperture blades: 0 is a round aperture, 3 or more an inscribed polygon.",
+        help="Number of aperture blades: 0 for a round aperture, 3 or more for a polygon "
+        "inscribed in it.  [default: 0]",
         even_in="",
         tag="blades",
         example="6",
@@ -324,8 +331,9 @@ _ROWS = (
         name="blade-rotation",
         parse=quantities.angle,
         metavar="DEG",
-        help="Direction of a vertex of the polygon, counter-clockwise from +x in the image, for "
-        "points beyond the focus.",
+        help="Turn the polygon of ‹blades› by this angle in degrees, counter-clockwise in the "
+        "picture, for discs beyond the focus. At 0 a corner points to the right.  [default: "
+        "0]",
         tag="turn",
         example="15",
         recorded_as="blade_rotation_deg",
@@ -337,7 +345,7 @@ _ROWS = (
         name="blade-curvature",
         parse=quantities.quantity("a curvature", "like 0.5", least=0, most=1),
         metavar="0…1",
-        help="Curvature of the blades: 0 is straight, 1 round.  [default: 0]",
+        help="Curvature of the ‹blades›, from 0 (straight) to 1 (round).  [default: 0]",
         tag="curve",
         example="0.5",
         needs="blades",
@@ -347,8 +355,8 @@ _ROWS = (
         name="obstruction",
         parse=quantities.quantity("a share of the radius", "like 0.4", least=0, most=0.95),
         metavar="0…0.95",
-        help="Radius of the central obstruction of a mirror lens, as a share of the aperture's "
-        "radius, like 0.4.  [default: 0]",
+        help="Radius of the dark centre of a mirror lens, as a share of the radius of the "
+        "aperture, like 0.4; discs become rings.  [default: 0]",
         tag="mirror",
         example="0.4",
     ),
@@ -356,8 +364,9 @@ _ROWS = (
         name="spherical",
         parse=quantities.quantity("a spherical aberration", "like 0.5", least=-1, most=1),
         metavar="-1…1",
-        help="Spherical aberration: positive values give bright rims to discs beyond the focus and "
-        "soft discs in front of it; negative values the reverse.  [default: 0]",
+        help="Spherical aberration. Positive values give discs beyond the focus a bright rim and "
+        "discs nearer than the focus a soft one; negative values do the reverse.  [default: "
+        "0]",
         tag="ring",
         example="0.5",
     ),
@@ -365,8 +374,8 @@ _ROWS = (
         name="squeeze",
         parse=quantities.quantity("a squeeze", "like 2", least=1, most=4),
         metavar="1…4",
-        help="Squeeze of an anamorphic lens: height of the bokeh over its width, like 2.  "
-        "[default: 1]",
+        help="Squeeze factor of an anamorphic lens, like 2: discs are this many times as tall as "
+        "wide.  [default: 1]",
         tag="squeeze",
         example="2",
         even_in="log",
@@ -375,8 +384,9 @@ _ROWS = (
         name="aperture-image",
         parse=quantities.file,
         metavar="FILE",
-        help="Picture of the aperture, instead of blades: grey or RGB, PNG, EXR or NPY. Bright is "
-        "open; oriented as the bokeh beyond the focus.",
+        help="Picture of the aperture, instead of ‹blades›: EXR, PNG, TIFF, JPEG or NPY, in grey "
+        "or RGB, where white is open. It shows the shape of discs beyond the focus; discs "
+        "nearer than the focus are upside down.",
         even_in="",
         tag="pupil",
         example="pupil.png",
@@ -387,9 +397,10 @@ _ROWS = (
         name="highlights",
         parse=quantities.highlights,
         metavar="auto|T:GAIN",
-        help="Restore the light that clipped highlights of 8 or 16-bit pictures lost: auto, or "
-        "THRESHOLD:GAIN in linear light, like 0.93:8. Pictures with light above 1 are left as "
-        "they are.  [default: off]",
+        help="Brighten the highlights that an 8- or 16-bit picture has clipped to white, so that "
+        "their discs are bright: auto, or THRESHOLD:GAIN, like 0.93:8. Pixels above "
+        "THRESHOLD, in linear light where white is 1, become brighter, white ones by up to "
+        "GAIN times. Pictures with values above 1 do not change.  [default: off]",
         tag="lights",
         example="auto",
         separator=":",
@@ -399,10 +410,10 @@ _ROWS = (
         never_off=True,
         parse=quantities.dual_pixel((*DUAL_PIXEL_MODELS, *DUAL_PIXEL_SENSORS)),
         metavar="MODEL",
-        help="Model of the two photodiodes of a pixel. split: each sees one half of the aperture, "
-        "an ideal that costs 3 to 8 dB on real pairs; smooth: each sees all of it, falling off "
-        "towards the other side; @pixel4 or @canon-dpp: a measured sensor; or a file of measured "
-        "kernels, like pair.npy.  [default: split]",
+        help="What the two photodiodes of a dual pixel see, for left and right. split: one half "
+        "of the aperture each, as an ideal sensor; smooth: the whole aperture, less and "
+        "less towards the other side; @pixel4 or @canon-dpp: as measured on that sensor; or "
+        "a file of measured kernels, like pair.npy.  [default: split]",
         even_in="",
         tag="dp",
         example="smooth",
@@ -412,7 +423,8 @@ _ROWS = (
         name="dp-crosstalk",
         parse=quantities.quantity("a share of the light", "like 0.15", least=0, most=0.49),
         metavar="0…0.49",
-        help="Share of its light that each photodiode loses to the other, like 0.15.  [default: 0]",
+        help="Share of the light of each photodiode that the other one gets, like 0.15, in "
+        "addition to the crosstalk of ‹dp-model›.  [default: 0]",
         tag="crosstalk",
         example="0.15",
     ),
@@ -420,8 +432,9 @@ _ROWS = (
         name="noise",
         parse=quantities.noise,
         metavar="match|ELECTRONS:READ",
-        help="Sensor noise, like 4000:3: electrons at a light of 1, which set the shot noise, and "
-        "electrons of read noise. match: what is blurred gets the noise of what is sharp.",
+        help="Add sensor noise, like 4000:3: ELECTRONS is the number of electrons for a linear "
+        "light of 1, which sets the shot noise, and READ the read noise in electrons. match "
+        "adds the noise of the sharp parts to the blurred parts.  [default: off]",
         tag="noise",
         example="4000:3",
         separator=":",
@@ -431,7 +444,8 @@ _ROWS = (
         never_off=True,
         parse=quantities.whole,
         metavar="N",
-        help="Seed of the noise.  [default: 0]",
+        help="Seed of the random numbers of ‹noise›, 0 or a positive whole number; the same seed "
+        "gives the same noise.  [default: 0]",
         even_in="",
         tag="seed",
         example="7",
