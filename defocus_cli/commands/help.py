@@ -13,15 +13,15 @@ from defocus_core.errors import UsageProblem, did_you_mean
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
     "look": "blades, mirrors, ovals, cat's eyes, axial colour, clipped lights, dual pixels, noise",
-    "photo": "photographs: a first picture, a page to choose on, phones, relative depth",
+    "photo": "photographs with estimated depth, choosing focus by clicks, phones, hair",
     "depth": "depth files by format, options, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
-    "shots": "numbered frames, lenses that move, steadiness",
-    "fit": "the lens between a sharp and a blurred picture, of depth of any scale",
-    "compare": "comparison of pictures, thresholds, goldens, CI",
+    "shots": "numbered frames, focus pulls, lenses from metadata, no flicker",
+    "fit": "find the lens that blurs one picture to another, from their depth",
+    "compare": "compare pictures with references: rules, causes, reports, pytest, CI",
     "python": "the library: files, lenses, training, batches, comparison",
-    "json": "what the documents of --json hold, field by field",
+    "json": "the documents that --json prints, field by field",
     "exit-codes": "exit codes, error lines, completion",
     "cite": "how to cite defocus and what it is built on",
 }
@@ -32,7 +32,8 @@ TOPICS = {
 def command(topic: str | None) -> None:
     """Print the reference on TOPIC; without TOPIC, list the topics.
 
-    'defocus COMMAND --help' lists the common options of a command, and --help-all every option.
+    For the options of a command, use 'defocus COMMAND --help', or 'defocus COMMAND --help-all' for
+    all of them.
 
     \b
     Examples:
@@ -53,5 +54,5 @@ def command(topic: str | None) -> None:
 
 
 def text(topic: str) -> str:
-    """The Markdown of a topic."""
+    """The text of a topic, in Markdown."""
     return (files("defocus_cli") / "help" / f"{topic}.md").read_text(encoding="utf-8")
