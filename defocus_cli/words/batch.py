@@ -1,4 +1,4 @@
-"""Jobs carried out and reported: a progress bar, words and JSON of each job, and of the batch."""
+"""Jobs are carried out and reported: a progress bar, then lines or JSON on jobs and the batch."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def job_line(job: Job) -> str:
 
 
 def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> dict[str, Any]:
-    """The outcome of a job, for JSON: its plan, and the fields of its record."""
+    """The outcome of a job, for JSON: the fields of `job_record`, and those of its record."""
     end, completed = record.end, record.completed
     told = {name: getattr(completed, name, None) for name in _OF_PICTURES}
     return {
@@ -120,7 +120,7 @@ def carry_out(
     verbose: bool,
     processes: int = 1,
 ) -> None:
-    """Do jobs, or show what is to do; report, write the contact sheet, and end the command."""
+    """Do jobs, or show what is to be done; report, write the contact sheet, and end the command."""
     is_batch = execution.has_index
     if dry_run:
         plan = run.make_plan(jobs, out, execution)
@@ -150,7 +150,10 @@ def carry_out(
 
 
 def report_plan(plan: Plan, processes: int, *, each: bool, as_json: bool) -> None:
-    """Report the jobs to do, with ``each`` one line for each; on stderr, those that would fail."""
+    """Report the jobs to do, and on stderr those that would fail.
+
+    `each`: whether to print a line for each job.
+    """
     from defocus_core.picture.forecast import forecasts
 
     todo = [*plan.jobs_of(plan.due)]
@@ -192,7 +195,7 @@ def report_plan(plan: Plan, processes: int, *, each: bool, as_json: bool) -> Non
             console.stdout(f"at most {peak_mb:.0f} MB of memory{of_each}{few}")
         console.stdout(*reasons_lines(plan))
     if unusable:
-        problem = f"{len(unusable)} of {looked_at} that were looked at would fail"
+        problem = f"{len(unusable)} of {looked_at} whose inputs were opened would fail"
         raise click.ClickException(problem)
 
 
@@ -312,7 +315,7 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
 
 
 def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
-    """An ended run, for JSON: counts, reasons, time, pictures, the error of a lone picture."""
+    """The JSON document of a run: counts, reasons, time, pictures, the error of a lone picture."""
     ended, error, told = (report.records.get(job.sample_id) for job in jobs), summary.error, {}
     if error is not None:  # as for a command without a result
         line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
@@ -356,7 +359,7 @@ def progress_lines(out: Path, state: Progress) -> Iterator[str]:
 
 
 def end(summary: Summary) -> None:
-    """End a command: raise the error that the outcome of its batch asks for, if any."""
+    """End a command: raise an error if a job failed or the run was interrupted."""
     if summary.error is not None:
         raise summary.error
     if summary.interrupted and summary.left:

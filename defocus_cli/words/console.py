@@ -1,4 +1,4 @@
-"""Output: data on stdout, words on stderr; and the end of a failed command."""
+"""Output of commands: data on stdout, messages on stderr, and the error of a failed command."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def stdout(*lines: str) -> None:
 
 
 class Due:
-    """Whether the running command still owes a JSON document, and whether it is quiet."""
+    """State of the running command: whether it must still print JSON, and whether it is quiet."""
 
     json = False
     quiet = False

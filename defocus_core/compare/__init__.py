@@ -2,5 +2,6 @@
 
 Terms: A is the reference and B is the file to judge. A pair is a file of A and the file of B with
 the same name. A metric is a number of a pair, a rule is a threshold on a metric. A note is a
-difference that changes no pixel. Findings are those of `defocus_core.compare.findings`.
+difference of the files that changes no pixel. A finding is a named cause of a difference, or the
+place of one without a cause.
 """

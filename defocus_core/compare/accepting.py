@@ -1,4 +1,4 @@
-"""Acceptance: copies of files of B in A, with the recipes of their samples."""
+"""Acceptance of pictures: files of B are copied to A, with the recipes of their samples."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from defocus_core.io.write_files import (
 
 
 def accept_picture(folder: Path, golden: Path, picture: Any) -> None:
-    """Make a file, an array or a tensor the golden of that path, below a folder."""
+    """Write a picture to the path `golden`, which lies below `folder`.
+
+    `picture`: the path of a file, which is copied; or an array or a tensor, written as EXR.
+    """
     is_file = isinstance(picture, str | Path)
     planes = {} if is_file else planes_of(picture)
     with written_together(folder):
@@ -39,10 +42,10 @@ def accept_picture(folder: Path, golden: Path, picture: Any) -> None:
 def accept_files(
     a: Path, b: Path, records: Sequence[Comparison], samples: Mapping[str, Recipe]
 ) -> list[Path]:
-    """Copy the files of B that differ from A, or that A lacks, to A; returns their new paths.
+    """Copy the files of B that differ from those of A, or that A lacks, to A; return the new paths.
 
-    All files or none appear, with the recipes of their samples. Files that B lacks stay, unless B
-    has them under another name; unreadable files are not accepted.
+    Either all files and the recipes of their samples appear, or none. Files of A that B lacks stay,
+    unless B has them under another name. Files that cannot be read are not copied.
     """
     pairs, renamed = [], []
     for record in records:

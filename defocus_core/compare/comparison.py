@@ -50,7 +50,10 @@ from defocus_core.system.text import counted
 def compare_pair(
     pair: FilePair, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
-    """Compare two files."""
+    """Compare two files.
+
+    Returns the record, and the compared pixels; None instead of pixels if they were not compared.
+    """
     blank = Comparison(pair.name, pair.a, pair.b)
     if pair.a is None or pair.b is None:
         return replace(blank, status=MISSING if pair.b is None else EXTRA), None
@@ -78,7 +81,7 @@ def compare_pair(
 def compare_pictures(
     name: str, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
-    """Compare two pictures that have been read."""
+    """Compare two decoded pictures, with the results of `compare_pair`."""
     with np.errstate(all="ignore"):  # NaN and infinity are found explicitly
         record = Comparison(name, a.path, b.path, DIFFERENT, (a.width, a.height))
         a, b = (_of_channels(each, rules) for each in (a, b))
@@ -114,7 +117,7 @@ def _of_channels(picture: DecodedPicture, rules: Rules) -> DecodedPicture:
 def _pixels(
     a: DecodedPicture, b: DecodedPicture, names: Sequence[str], settings: CompareSettings
 ) -> tuple[Pixels, tuple[int, int]]:
-    """The pixels to compare, and column and row of the first."""
+    """The pixels to compare, and the column and row of the first one in the picture."""
     size = (a.height, a.width)
     cut = (slice(None), slice(None)) if settings.region is None else settings.region.cut(size)
     pixels = Pixels(
@@ -160,7 +163,11 @@ def _judged(
     *,
     strict: bool,
 ) -> Comparison:
-    """The record with the results of the pixels, and the verdict."""
+    """The record, completed by metrics, findings and the verdict.
+
+    `corner`: column and row of the first compared pixel in the picture. `strict`: whether B is
+    different whatever the rules say.
+    """
     nonfinite, differing = count_nonfinite(pixels, corner), pixels.differ
     metrics: Mapping[str, float] = equal_metrics(pixels)
     if differing:
@@ -200,7 +207,7 @@ def _judged(
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
-    """The record with the worst pixel and the place of the differences."""
+    """The record, completed by the worst pixel and the rectangle of the pixels that differ."""
     bad = pixels.greatest > 0
     row, column = np.unravel_index(int(pixels.greatest.argmax()), pixels.shape)
     assert record.nonfinite is not None
@@ -284,7 +291,7 @@ def compare_images(
 
 
 def compare_with_goldens(picture: Any, golden: Path, rules: Rules) -> list[Comparison]:
-    """The records, like those of `compare_images`, of a picture and each of its goldens.
+    """Records like those of `compare_images`: the picture compared with each of its goldens.
 
     Goldens are `golden`, if it exists, and its accepted alternatives NAME.1.exr, NAME.2.exr, …
     """

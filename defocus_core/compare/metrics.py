@@ -36,28 +36,33 @@ class Metric:
 
 
 _ROWS = (
-    Metric("max", "greatest difference of a channel"),
-    Metric("mean", "mean absolute difference"),
-    Metric("rmse", "root of the mean squared difference"),
-    Metric("rel-rmse", "RMSE over the mean absolute value of A"),
-    Metric("psnr", "of sRGB-encoded colour, 99 if equal", "dB", "high", color=True),
+    Metric("max", "greatest difference of a value in any channel"),
+    Metric("mean", "mean absolute difference of all channels"),
+    Metric("rmse", "root mean squared difference of all channels"),
+    Metric("rel-rmse", "RMSE divided by the mean absolute value of A"),
+    Metric("psnr", "PSNR in dB of sRGB-encoded colour, 99 if equal", "dB", "high", color=True),
     Metric(
         "ssim", "structural similarity of sRGB-encoded luma, 1 if equal", "", "high", color=True
     ),
-    Metric("p99.9", "99.9th percentile of the greatest differences of the pixels"),
-    Metric("share", "share of pixels with a difference of more than ‹over›"),
-    Metric("pixels", "number of these pixels"),
-    Metric("block", "hdr difference of blocks of 32 px that a codec cannot cause"),
+    Metric("p99.9", "99.9 % of the pixels differ by no more than this in any channel"),
+    Metric("share", "share of the pixels, 0 to 1, that differ by more than ‹over›"),
+    Metric("pixels", "number of pixels that differ by more than ‹over›"),
+    Metric("block", "difference of blocks of 32 x 32 px that no lossy codec makes"),
     *(
-        Metric(f"hdr-{name}", f"{words}, sRGB to 1 and logarithmic beyond", unit, better)
+        Metric(
+            f"hdr-{name}",
+            f"{words} with colour sRGB-encoded up to 1, logarithmic beyond",
+            unit,
+            better,
+        )
         for name, words, unit, better in (
-            ("max", "greatest difference", "", "low"),
-            ("p99.9", "99.9th percentile of it", "", "low"),
-            ("psnr", "PSNR", "dB", "high"),
+            ("max", "max", "", "low"),
+            ("p99.9", "p99.9", "", "low"),
+            ("psnr", "PSNR in dB", "dB", "high"),
         )
     ),
-    Metric("flip", "mean of FLIP, with ‹flip›", "", color=True),
-    Metric("flip-max", "greatest FLIP of a pixel, with ‹flip›", "", color=True),
+    Metric("flip", "mean of the visible difference FLIP, 0 to 1; needs ‹flip›", "", color=True),
+    Metric("flip-max", "FLIP of the worst pixel; needs ‹flip›", "", color=True),
 )
 METRICS = {metric.name: metric for metric in _ROWS}
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
@@ -87,7 +92,7 @@ def _of_halves() -> NDArray[np.float32]:
 
 
 def _shown(pixels: Pixels, side: str, name: str, *cut: slice) -> NDArray[np.float32]:
-    """A channel of colour as a screen shows it, without bounds."""
+    """A channel of colour, sRGB-encoded up to 1 and logarithmic beyond."""
     plane = pixels.plane(side, name)[cut]
     return unclipped(plane) if pixels.gamma == 1.0 else np.asarray(plane, np.float32)
 
@@ -130,10 +135,11 @@ def measure(
 
 
 def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
-    """The difference of blocks of luma that a codec cannot cause, 0 if a codec can cause all.
+    """The difference of luma that a codec cannot cause; 0 if a codec can cause all of it.
 
-    Codecs keep means and change all detail. The result is the RMS difference of means if that is a
-    large part of the difference; else the RMS of the worst block if most blocks are equal.
+    A codec keeps the mean of a block and changes the detail of all blocks. So the result is the RMS
+    difference of the means of blocks if that is a large part of the difference; else, if most
+    blocks are equal, the RMS difference in the worst block.
     """
     height, width = (length // _BLOCK for length in pixels.shape)
     cut = tuple(slice(number * _BLOCK) for number in (height, width))
@@ -153,7 +159,7 @@ def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
 
 
 def _similarity(pixels: Pixels) -> dict[str, float]:
-    """SSIM of the worst layer, over windows whose middle is compared; empty without a layer."""
+    """SSIM of the worst layer, over windows whose middle is compared; empty without colour."""
     values, inner = [], slice(REACH, -REACH)
     for layer in pixels.color if min(pixels.shape) > 2 * REACH else ():
         total, count = 0.0, 0
@@ -167,7 +173,10 @@ def _similarity(pixels: Pixels) -> dict[str, float]:
 
 
 def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
-    """The hdr metrics and, if ``shown``, the PSNR of the same values clipped to 0…1."""
+    """The hdr metrics and, if ``shown``, the PSNR of the same values clipped to 0…1.
+
+    `total`: number of compared pixels.
+    """
     colors = {name for layer in pixels.color for name in layer}
     differences = pixels.differences
     greatest, squares, of_screen = differences.greatest, differences.squares, differences.squares

@@ -75,7 +75,7 @@ def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
 
 
 def further(golden: Path) -> list[Path]:
-    """The accepted alternatives of a picture, NAME.1.exr, NAME.2.exr, …."""
+    """The accepted alternatives of a golden NAME.exr that exist: NAME.1.exr, NAME.2.exr, …."""
     there = golden.parent.iterdir() if golden.parent.is_dir() else ()
     return sorted(file for file in there if _main_of(file) == golden)
 
@@ -87,7 +87,7 @@ def _main_of(path: Path) -> Path | None:
 
 
 def _renamed(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[tuple[Any, Any]]:
-    """Pairs of a key of A and a key of B with one value that no other key has."""
+    """Pairs of a key of A and a key of B with the same value, which no other key has."""
     counts = [Counter(side.values()) for side in (a, b)]
     of_a = {value: key for key, value in a.items()}
     for key, value in sorted(b.items()):
@@ -106,9 +106,9 @@ def _pictures(folder: Path) -> dict[str, Path]:
 
 
 def partners(path: Path) -> Iterator[tuple[str, Path]]:
-    """Files that B may be by mistake, each after the name of the finding.
+    """The files that B may be by mistake, each with the name of the finding: (name, file).
 
-    The files are the other view, other pictures of a sample, and the frames before and after.
+    They are the other view, other pictures of the sample, and the frames before and after.
     """
     folder, above = path.parent, path.parent.parent
     views = [path.with_stem(other_view(path.stem)), above / other_view(folder.name) / path.name]
@@ -125,7 +125,7 @@ def partners(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 def other_view(name: str) -> str:
-    """A name with its last left or right replaced by the other one; unchanged without any."""
+    """The name, with its last 'left' replaced by 'right' or the reverse, if it has one."""
     *_, match = [None, *_VIEW.finditer(name)]
     if match is None:
         return name
@@ -134,7 +134,7 @@ def other_view(name: str) -> str:
 
 @dataclass(frozen=True)
 class RecipeChange:
-    """A difference between recipes of samples in both batches."""
+    """A difference between the recipes of two batches, and the number of samples that have it."""
 
     # A setting like lens.fnum, ``renderer``, ``version`` or ``back``; or, like ``input color``, the
     # role of an input whose bytes differ
@@ -162,7 +162,7 @@ class BatchPairs:
     shared: int
 
     def lines(self) -> Iterator[str]:
-        """The recipes in words."""
+        """Lines on the changes of recipes, or one line if there are none."""
         if self.shared and not self.changes:
             yield f"recipes: alike in all {self.shared} samples that both batches have"
         for change in self.changes:
@@ -182,12 +182,12 @@ class Recipe:
 
     @property
     def made_by(self) -> str:
-        """A text of all that decides the pictures of the sample, except names."""
+        """A text of everything that decides the pictures of the sample, except names."""
         return json.dumps([self.inputs, {**self.settings, "stem": ""}], sort_keys=True)
 
     @property
     def json(self) -> bytes:
-        """The content of the file of the recipe, the same bytes for the same recipe."""
+        """The content of the recipe's file; equal recipes have equal bytes."""
         return json.dumps(asdict(self), indent=1, sort_keys=True).encode() + b"\n"
 
 
@@ -218,12 +218,12 @@ def _read_recipe(folder: Path, name: str) -> Recipe:
             return sample
     except (OSError, TypeError, AttributeError, *MALFORMED):
         pass
-    remedy = "take one side of a merge, or remove it: ‹accept› writes it anew"
+    remedy = "resolve the merge conflict, or remove the file: ‹accept› writes it again"
     raise InputError("damaged", "is not a recipe of a sample", remedy, path=folder / name)
 
 
 def samples_of(b: Path, pairs: Sequence[FilePair]) -> dict[str, Recipe]:
-    """The recipes, by name, of the samples of a folder B that wrote a file of the pairs."""
+    """The recipes of those samples of the folder B that have a file in the pairs, by name."""
     samples = read_recipes(b)
     names = {pair.b.relative_to(b).as_posix() for pair in pairs if pair.b is not None}
     return {name: s for name, s in samples.items() if not names.isdisjoint(s.files.values())}
@@ -240,7 +240,10 @@ def are_batches(*folders: Path) -> bool:
 
 
 def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
-    """The pictures of two batches, paired by sample and kind, restricted to some names."""
+    """The pictures of two batches, paired by sample and kind.
+
+    `only`: patterns of names; pictures that match none are left out. Empty for all pictures.
+    """
     of_a, of_b = read_recipes(a), read_recipes(b)
     files_a, files_b = _files(a, of_a), _files(b, of_b)
     if not files_a and not files_b:
@@ -294,7 +297,7 @@ def _files(folder: Path, samples: Mapping[str, Recipe]) -> dict[tuple[str, str],
 
 
 def _changes(a: Recipe, b: Recipe) -> Iterator[tuple[str, str, str]]:
-    """The differences between two recipes, with the value in each."""
+    """The differences between two recipes: (what, value in A, value in B)."""
     for key, was, now in resume.changed_settings(a.settings, b.settings):
         yield key, f"{was!s:.200}", f"{now!s:.200}"
     for key in _VERSIONS:

@@ -1,4 +1,4 @@
-"""Files decoded for comparison: all channels as stored, metadata, and layout of the file.
+"""Files decoded for comparison: all channels as stored, the metadata, and the layout of the file.
 
 Integers become 0…1, other numbers stay as they are. Values are not scaled or multiplied by alpha;
 `in_linear_light` makes files of different types comparable.
@@ -89,7 +89,7 @@ def read_picture(path: Path) -> DecodedPicture:
 
 
 def _refuse_damaged_png(path: Path) -> None:
-    """Refuse a PNG with damaged chunks, as decoders skip those without pixels."""
+    """Raise an error for a PNG with damaged chunks, some of which decoders skip."""
     data = memoryview(path.read_bytes())
     at, kind = len(_PNG), b""
     if b"acTL" in data[:_BEFORE_PIXELS].tobytes():
@@ -110,7 +110,7 @@ def _refuse_damaged_png(path: Path) -> None:
 
 
 def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:
-    """Channels [H, W] of linear light as a picture of that name."""
+    """A picture of that name, made of channels [H, W] of linear light."""
     height, width = next(iter(planes.values())).shape
     types = {channel: plane.dtype.name for channel, plane in planes.items()}
     return DecodedPicture(Path(name), width, height, planes, types)
@@ -154,7 +154,7 @@ def as_shown(picture: DecodedPicture) -> DecodedPicture:
 
 
 def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """The channels of each colour layer: R, G, B, or Y, of one prefix; without alpha."""
+    """The channels of each colour layer, without alpha: R, G, B, or Y, with the same prefix."""
     every = set(names)
     for prefix in dict.fromkeys(map(_prefix, names)):
         for wanted in (("R", "G", "B"), ("Y",)):
@@ -166,7 +166,7 @@ def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
 
 
 def layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """All channels of each layer: those of one prefix."""
+    """All channels of each layer: those with the same prefix."""
     by_prefix: dict[str, list[str]] = {}
     for name in names:
         by_prefix.setdefault(_prefix(name), []).append(name)

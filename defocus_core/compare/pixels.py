@@ -35,7 +35,7 @@ _STEPS = {
 
 @cache
 def halves() -> NDArray[np.float32]:
-    """All numbers of 16 bits, by their code."""
+    """All 65536 half floats; the index is the bit pattern of the number."""
     return np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
 
 
@@ -75,7 +75,7 @@ class Pixels:
 
     @cached_property
     def finite(self) -> NDArray[np.bool_] | None:
-        """Selected pixels that are finite in all channels of A and B, [H, W]; None for all."""
+        """Mask [H, W] of selected pixels that are finite in all channels of both; None for all."""
         finite = None if self.selected is None else self.selected.copy()
         for side, planes in zip(self.ranges, (self.a, self.b), strict=True):
             for name, plane in zip(self.names, planes, strict=True):
@@ -141,7 +141,7 @@ class Pixels:
 
     @property
     def greatest(self) -> NDArray[Any]:
-        """The greatest absolute difference of the channels of each pixel, [H, W]."""
+        """The greatest absolute difference of any channel at each pixel, [H, W]."""
         return self.differences.greatest
 
     @property
@@ -159,7 +159,10 @@ class Pixels:
         return (self.a if side == "a" else self.b)[self.names.index(name)]
 
     def visible(self) -> tuple[Pixels, int]:
-        """The pair, B with the colours of A where both have alpha 0; and how many pixels change."""
+        """The pair, with the colours of A in B where both have alpha 0.
+
+        Returns the number of pixels that this changes, too.
+        """
         planes, unseen = dict(zip(self.names, self.b, strict=True)), np.zeros(self.shape, bool)
         for layer in self.color:
             alpha = f"{layer[0][:-1]}A"
@@ -175,9 +178,10 @@ class Pixels:
         return replace(self, b=tuple(planes.values())), int(np.count_nonzero(unseen))
 
     def beyond_a_step(self, types: Mapping[str, Collection[str]]) -> Pixels:
-        """The pair, B with the values of A where they differ by at most a step of their type.
+        """The pair, with the values of A in B where they differ by at most a step of their type.
 
-        `types`: number types of each channel in the files. Processors may round to other steps.
+        `types`: number types of each channel in the files. Another processor may round to the next
+        step.
         """
         planes = []
         for name, a, b in zip(self.names, self.a, self.b, strict=True):
@@ -242,7 +246,7 @@ def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfini
 
 
 def _codes(plane: NDArray[Any]) -> NDArray[np.int8]:
-    """0 for a finite value, 1 for NaN, 2 and −2 for the infinities."""
+    """0 for a finite value, 1 for NaN, 2 for +inf and −2 for −inf."""
     codes: NDArray[np.int8] = np.isnan(plane).astype(np.int8)
     codes[np.isposinf(plane)], codes[np.isneginf(plane)] = 2, -2
     return codes

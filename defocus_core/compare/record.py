@@ -76,7 +76,7 @@ class Comparison:
 
     @property
     def renamed(self) -> bool:
-        """Whether B has the file of A under another name."""
+        """Whether the file of B is that of A under another name."""
         return any(finding.name == "renamed" for finding in self.findings)
 
     @property

@@ -73,7 +73,7 @@ def _amplified(
 
 @dataclass(frozen=True)
 class Task:
-    """The work on each pair."""
+    """What to do with each pair."""
 
     thresholds: Thresholds
     settings: CompareSettings
@@ -81,7 +81,7 @@ class Task:
     causes: str = "first"
 
     def require_room(self, pairs: Sequence[FilePair]) -> None:
-        """Refuse to write difference images over other files, or over compared ones."""
+        """Raise an error if difference images would replace other files, or files to compare."""
         if self.images is not None:
             inputs = identities(path for pair in pairs for path in (pair.a, pair.b) if path)
             for pair in pairs:
@@ -89,7 +89,10 @@ class Task:
                     require_replaceable(path, DIFFERENCE, inputs=inputs)
 
     def carry_out(self, piece: tuple[FilePair, bool]) -> Comparison:
-        """Compare a pair, and write its difference images if it differs and they are wanted."""
+        """Compare a pair, and write its difference images if it differs and they are wanted.
+
+        `piece`: the pair, and whether to search the cause of a difference.
+        """
         pair, sought = piece
         settings = replace(self.settings, diagnose=self.settings.diagnose and sought)
         record, pixels = compare_pair(pair, self.thresholds.rules_of(pair.name), settings)
@@ -104,8 +107,8 @@ class Task:
 def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterator[Comparison]:
     """Yield the records of all pairs in order, each as soon as it is known.
 
-    Causes are sought for the first pairs, and for as many of the first failing pairs, so that the
-    same pairs have causes with any number of processes.
+    Causes are searched for the first failing pairs alone. Which pairs these are does not depend on
+    the number of processes.
     """
     most = CAUSES[task.causes]
     pieces = [(pair, number < most) for number, pair in enumerate(pairs)]

@@ -37,8 +37,9 @@ def compare_structure(
 ) -> tuple[Comparison, list[str], bool]:
     """The record with the structure of both files, and the channels that are compared.
 
-    The channels are those of both files with the size of the picture. The last value is whether
-    the structure alone makes B different.
+    Returns the record with findings and notes on the structure; the channels to compare, which both
+    files have in the size of the picture; and whether the structure alone makes B different.
+    `ruled`: whether there are rules to fail.
     """
     both = [name for name in a.planes if name in b.planes]
     resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
@@ -85,7 +86,7 @@ def _of_channels(
 def _compare_primaries(
     a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]
 ) -> Iterator[Finding]:
-    """The finding of different declared primaries, by which equal numbers are other colours."""
+    """The finding that the files declare different primaries: equal numbers are other colours."""
     counts = _heeded({"chromaticities": ""}, ignored)
     if counts and any(color_layers([*a.planes])) and not same_primaries(a.primaries, b.primaries):
         old, new = (primaries_name(each.primaries) for each in (a, b))
@@ -170,7 +171,7 @@ def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
 
 
 def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
-    """The finding of how a B of another size relates to A, if known: a crop, or a turn by 90°."""
+    """The finding that explains another size of B, if any: a crop of A, or a turn by 90°."""
     sides = []
     for side in (a, b):
         size = (side.height, side.width)
@@ -195,7 +196,7 @@ def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
 
 
 def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """The places where a smaller picture may lie in a larger one, as 81 of its pixels match."""
+    """The positions of a smaller picture in a larger one at which 81 of its pixels match."""
     (height, width), (high, wide) = large.shape[1:], small.shape[1:]
     same = np.ones((height - high + 1, width - wide + 1), bool)
     rows, columns = (np.linspace(0, side - 1, 9).astype(int) for side in (high, wide))

@@ -1,7 +1,7 @@
 """Rules like ``psnr<45`` and ``found:clipped``, by which pictures fail or get a warning.
 
-A rule is a condition of bad pictures. A rule that better pictures meet, like ``psnr>45``, is
-refused.
+A rule is a condition that bad pictures meet. A rule that better pictures meet, like ``psnr>45``, is
+an error.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Rule:
 
 
 def rule(text: str) -> Rule:
-    """The rule of a text."""
+    """The rule that a text describes."""
     word, colon, finding = text.strip().partition(":")
     if colon and word.lower() == "found":
         return _found(" ".join(finding.split()))
@@ -182,9 +182,10 @@ class Thresholds:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether a pattern matches the relative path of a picture; without a slash, the name.
+    """Whether a pattern matches the relative path of a picture.
 
-    ``*`` stands for any characters, those of folders included, and ``./`` for the folder compared.
+    A pattern without a slash may match the name alone. ``*`` stands for any characters, slashes
+    included, and ``./`` at the beginning for the compared folder.
     """
     return fnmatchcase(name, pattern.removeprefix("./")) or (
         "/" not in pattern and fnmatchcase(Path(name).name, pattern)
@@ -237,7 +238,7 @@ def _changes(table: Table) -> dict[str, Any]:
 
 
 def _texts(table: Table, key: str, what: str, example: str) -> tuple[str, ...]:
-    """The texts of a key, a list or one alone."""
+    """The texts that a key has: a list of texts, or one text."""
     texts = table.values[key]
     texts = [texts] if isinstance(texts, str) else texts
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):

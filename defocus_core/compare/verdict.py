@@ -48,12 +48,12 @@ def _met(
 
 
 def _decide(rules: Rules, metrics: Mapping[str, float]) -> bool:
-    """Whether rules to fail decide about values: the metric of one is known."""
+    """Whether rules to fail decide about values, since the pair has the metric of one of them."""
     return any(each.found or each.metric in metrics for each in rules.fail)
 
 
 def overlooked(rules: Rules, pixels: Pixels) -> list[str]:
-    """Channels beside colour, like A, that differ while all rules are on colour alone."""
+    """Channels other than colour, like A, that differ although all rules measure colour alone."""
     metrics = [METRICS[each.metric] for each in rules.fail if each.metric]
     if not metrics or not all(metric.color for metric in metrics):
         return []
@@ -64,7 +64,10 @@ def overlooked(rules: Rules, pixels: Pixels) -> list[str]:
 
 
 def asks_for_cause(rules: Rules, found: Collection[str], pixels: Pixels) -> bool:
-    """Whether a rule on a finding needs a diagnosis."""
+    """Whether a rule on a finding needs a search for causes.
+
+    `found`: names of the findings that are known without it.
+    """
     return any(
         # Clipped light is always found.
         (each.found != "clipped" or may_be_cut_below(pixels)) and not each.is_met({}, found)
@@ -74,7 +77,7 @@ def asks_for_cause(rules: Rules, found: Collection[str], pixels: Pixels) -> bool
 
 
 def is_suspect(rules: Rules, metrics: Mapping[str, float], found: Collection[str]) -> bool:
-    """Whether differing values fail, or get a warning for a difference visible in 8 bits."""
+    """Whether differing values make the pair fail, or give a warning and are visible in 8 bits."""
     if not _decide(rules, metrics) or _met(rules.fail, metrics, found):
         return True
     seen = not metrics.get("hdr-max", math.inf) < _SEEN
@@ -96,9 +99,9 @@ def of_small_values(rules: Rules, pixels: Pixels) -> Rules:
 
 
 def proposal(rules: Rules, metrics: Mapping[str, float]) -> str:
-    """The tightest rule of two digits that lets a pair pass; empty if a black B would pass.
+    """The tightest rule, with two digits, that lets a pair pass.
 
-    The result is empty, too, if rules are given.
+    It is empty if a black B would pass it, or if rules are given.
     """
     greatest, relative = metrics.get("max"), metrics.get("rel-rmse")
     given = any(each != ROUNDING for each in rules.fail)

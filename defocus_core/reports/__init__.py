@@ -1,1 +1,1 @@
-"""Reports for people and CI servers: HTML, JUnit, contact sheets, plots, contents of files."""
+"""Reports for people and CI servers: HTML, JUnit, Markdown, contact sheets, contents of files."""

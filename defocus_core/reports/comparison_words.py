@@ -1,4 +1,4 @@
-"""The reports of ``defocus compare``: lines, a summary, JSON, and JUnit XML for CI servers."""
+"""Reports of ``defocus compare``: lines, a summary, JSON, and JUnit XML for CI servers."""
 
 from __future__ import annotations
 
@@ -62,7 +62,11 @@ def line(record: Comparison) -> str:
 
 
 def of_golden(golden: Path, name: str, records: Sequence[Comparison], *, proposes: bool) -> str:
-    """How a picture differs from its golden, and the remedy."""
+    """How a picture differs from its golden, and how to accept it, in lines.
+
+    `records`: those of the picture with each of its goldens, or none. `proposes`: whether to
+    propose a bound by which it would pass.
+    """
     if not records:
         return f"{golden}: there is no such golden; make it with pytest --golden-update"
     told = line(replace(records[0], name=name, proposal=""))
@@ -88,7 +92,10 @@ def exit_code(records: Sequence[Comparison]) -> int:
 
 
 def document(records: Sequence[Comparison], pairs: int | None = None) -> dict[str, Any]:
-    """All pairs, for JSON, with counts by status; `same` is false if some were not compared."""
+    """The JSON document of all pairs.
+
+    `pairs`: number of all pairs, if some were not compared; `same` is false then.
+    """
     numbers = Counter(record.status for record in records)
     left = (pairs or len(records)) - len(records)
     return {
@@ -100,7 +107,7 @@ def document(records: Sequence[Comparison], pairs: int | None = None) -> dict[st
 
 
 def pair_record(record: Comparison) -> dict[str, Any]:
-    """A pair, for JSON; numbers that are not finite become the texts NaN, Inf and -Inf."""
+    """The JSON object of a pair; numbers that are not finite become the texts NaN, Inf and -Inf."""
     nonfinite = record.nonfinite
     return {
         "name": record.name,
@@ -138,7 +145,7 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _numbers(record: Comparison) -> str:
-    """The metrics of a line, over finite pixels if some are not finite."""
+    """The metrics of a pair, for its line; of the finite pixels if some are not finite."""
     metrics = record.metrics
     words = ", ".join(number_words(name, metrics[name]) for name in _SHOWN if name in metrics)
     if record.nonfinite is None or not record.nonfinite.findings:
@@ -167,7 +174,7 @@ def _is_local(record: Comparison) -> bool:
 
 
 def place_words(record: Comparison) -> str:
-    """The number and place of the pixels that differ; empty if unknown."""
+    """The number of the pixels that differ, and their rectangle; empty if unknown."""
     if record.window is None:
         return ""
     x, y, width, height = record.window
@@ -182,7 +189,7 @@ def worst_words(worst: Worst) -> str:
 
 
 def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> None:
-    """Write a suite with a failure for each pair that differs, an error for each unreadable one."""
+    """Write JUnit XML: a failure for each pair that differs, an error for each unreadable one."""
     counts = Counter(record.status for record in records)
     failures = sum(not record.passes for record in records) - counts[UNREADABLE]
     numbers = {"tests": len(records), "failures": failures, "errors": counts[UNREADABLE]}

@@ -1,7 +1,7 @@
-"""The contents of a file and how it would be read, for ``defocus info``; the frames of a shot.
+"""The contents of a file, how it would be read, and the frames of a shot, for ``defocus info``.
 
-A record: a report as plain values, for JSON. A line: a report in words. Evidence: signs of the
-format of a depth file whose format was not given, which do not change how it is read.
+A record is a report as a dictionary for JSON, a line is a report in words. Evidence is a hint at
+the format of a depth file whose format was not given; it does not change how the file is read.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no
 
 
 def _color_figures(color: Color) -> dict[str, Any]:
-    """Channels, and counts of pixels that are not finite or that alpha removes, also in part."""
+    """Channels, and numbers of pixels that are not finite, have alpha 0, or have alpha below 1."""
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
     told = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
     if color.alpha is not None:
@@ -62,9 +62,9 @@ def _color_figures(color: Color) -> dict[str, Any]:
 def _depth_figures(
     path: Path, reading: Reading, lens: LensValues | None, color: Color | None
 ) -> tuple[str, dict[str, Any]]:
-    """The way to read the depth, and its figures; ranges are None without valid pixels.
+    """How the depth is read, in words, and its figures; ranges are None without valid pixels.
 
-    `color`: the colour of the same file, with which its depth is invalid where alpha is 0.
+    `color`: the colour in the same file, or None; where its alpha is 0, depth is ignored.
     """
     depth = read_depth(
         path,
@@ -112,7 +112,7 @@ def _depth_figures(
 def _repair(
     depth: Depth, lens: LensValues, reading: Reading
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
-    """The repair of the depth, and warnings if the depth hardly suits the lens."""
+    """The repair of the depth, and warnings if the depth is implausible for the lens."""
     import torch
 
     from defocus_core.depth.repair import diagnose_depth
@@ -132,14 +132,14 @@ def _repair(
 
 
 def ends_of(values: NDArray[Any]) -> list[float]:
-    """The least and the greatest value; None if there is none."""
+    """The least and the greatest value; empty if there are no values."""
     return [float(values.min()), float(values.max())] if values.size else []
 
 
 def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool) -> dict[str, Any]:
-    """Read a file as ``defocus render`` would, and report its contents.
+    """The record of a file, read as ``defocus render`` would.
 
-    `lens`: the lens whose blur is reported, or None.
+    `lens`: the lens whose blur is reported, or None. `lone`: whether it is the only file.
     """
     with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -172,7 +172,7 @@ def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool
 
 
 def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
-    """The colour of a file and how it is read, or None and the reason."""
+    """The colour of a file, and how it is read; or None, and why there is none."""
     path, overscan = info.path, NO_OVERSCAN
     if not (is_exr(read_head(path)) or {"R", "G", "B"} <= set(info.names) or "Y" in info.names):
         return None, "has no colour channels"
@@ -198,7 +198,7 @@ def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
 def _depth_of(
     path: Path, reading: Reading, lens: LensValues | None, picture: Color | None, *, arrays: bool
 ) -> tuple[str, dict[str, Any] | None]:
-    """How the depth of a file is read, and its figures; or the reason why not, and None."""
+    """How the depth of a file is read, and its figures; or why there is none, and None."""
     if reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
@@ -212,7 +212,7 @@ def _depth_of(
 
 
 def _part_record(path: Path, part: Header) -> dict[str, Any]:
-    """A part of a file in plain values, with windows of an EXR and samples of a deep one."""
+    """The record of a part of a file, with the windows of an EXR and the samples of a deep one."""
     told = {
         "index": part.index,
         "name": part.name,
@@ -237,7 +237,7 @@ def _part_record(path: Path, part: Header) -> dict[str, Any]:
 
 
 def _maps(info: FileInfo) -> list[dict[str, Any]]:
-    """The maps that ``defocus render`` wrote, and the range of their finite values."""
+    """Records of the maps that ``defocus render`` wrote: kind, and range of the finite values."""
     kinds = [name for name in info.names if name in NO_DEPTH]
     if not kinds or has_frames(info.path):  # an array may have the name of a map, too
         return []
@@ -249,7 +249,7 @@ def _maps(info: FileInfo) -> list[dict[str, Any]]:
 
 
 def _values_of_maps(path: Path, kinds: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The maps of an EXR, or the one of a TIFF, and their numbers."""
+    """Each map of an EXR, or the only one of a TIFF: its kind and its values."""
     if not is_exr(read_head(path)):
         yield kinds[0], read_samples(path)
         return
@@ -258,7 +258,7 @@ def _values_of_maps(path: Path, kinds: Sequence[str]) -> Iterator[tuple[str, NDA
 
 
 def range_key(kind: str) -> str:
-    """The key of the range of a map in a record, which names its unit."""
+    """The key of the range of a map in a record, like ``range_px``; ``range`` without a unit."""
     unit = KINDS[kind].unit
     return f"range_{unit}" if unit else "range"
 
@@ -268,7 +268,7 @@ def _clause(error: InputError) -> str:
 
 
 def summarised(pattern: Path) -> dict[str, Any]:
-    """The present and missing frames of a shot, and their sizes."""
+    """The record of a shot: frames that exist, frames that are missing, and sizes."""
     by_size: dict[tuple[int, int], list[int]] = {}
     for number, path in frames_of(pattern).items():
         info = describe(path)
@@ -293,7 +293,7 @@ def shot_line(told: Mapping[str, Any]) -> str:
 
 
 def range_words(depth: Mapping[str, Any]) -> str:
-    """The range of a depth in words, in metres if its numbers are distances."""
+    """The range of a depth in words; in metres, unless the file holds radii."""
     for key, unit in (("range_m", " m"), ("range", "")):
         if depth[key]:
             return " to ".join(f"{end:.6g}{unit}" for end in depth[key])
@@ -312,18 +312,18 @@ _TELLING_NAMES = {
 
 
 def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> Iterator[str]:
-    """Sentences on the formats that a depth file could have."""
+    """Sentences on the formats that a depth file could have, and why."""
     if reading.depth_format is not None:
         return
     names = [name.split(" ")[0] for name in info.names]
     for name, patterns in _TELLING_NAMES.items():
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
-            yield f"{hits[-1]}: {name}; say ‹depth-format› {name}"
+            yield f"{hits[-1]}: {name}; give ‹depth-format› {name}"
     own = own_format(path)
     if own == "android-gdepth":
-        yield "GDepth in its XMP: android-gdepth; say ‹depth-format› android-gdepth"
+        yield "GDepth in its XMP: android-gdepth; give ‹depth-format› android-gdepth"
     elif own == "apple-heic":
-        yield "a depth image beside the picture: apple-heic; say ‹depth-format› apple-heic"
+        yield "a depth image beside the picture: apple-heic; give ‹depth-format› apple-heic"
     elif any(name.startswith(OF_NUKE) for part in info.parts for name in part.attributes):
-        yield "Nuke wrote it, whose ScanlineRender writes 1/z; say ‹depth-format› nuke-scanline"
+        yield "Nuke wrote it, whose ScanlineRender writes 1/z; give ‹depth-format› nuke-scanline"

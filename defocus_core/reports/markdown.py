@@ -24,7 +24,10 @@ _LONGEST = 240  # characters in the column of what happened
 def write_markdown(
     path: Path, title: str, records: Sequence[Comparison], pairs: int | None = None
 ) -> None:
-    """Write a table of failed pairs, difference images of the worst, and the counts of causes."""
+    """Write a table of failed pairs, the difference images of the worst, and the counts of causes.
+
+    `pairs`: number of all pairs, if some were not compared.
+    """
     failing = sorted((each for each in records if not each.passes), key=rank)
     lines = [BEGINNING, f"### {_plain(title)}", "", _plain(summary(records, pairs)) + "."]
     causes = Counter(finding.name for record in failing for finding in record.findings)
@@ -50,7 +53,7 @@ def write_markdown(
 
 
 def _row(record: Comparison) -> str:
-    """A row of the table."""
+    """The Markdown row of a pair."""
     words = ", ".join(finding.text for finding in record.findings) or record.error
     words = words or ", ".join(record.failed)
     words = words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"

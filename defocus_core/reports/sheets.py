@@ -36,7 +36,7 @@ _GREY = 0.8  # colour of words, in sRGB
 
 
 def _kind_of_sheet(jobs: Sequence[Job]) -> str:
-    """The kind of output that a sheet shows: the first image."""
+    """The kind of output that a contact sheet shows: the first kind that is an image."""
     for kind in jobs[0].outputs.rows:
         if kind.image:
             return kind.name
@@ -46,7 +46,7 @@ def _kind_of_sheet(jobs: Sequence[Job]) -> str:
 
 
 def require_room(jobs: Sequence[Job]) -> None:
-    """Refuse jobs without an image for a sheet, or with an output of the name of the sheet."""
+    """Raise an error if no output is an image, or if an output has the name of the sheet."""
     _kind_of_sheet(jobs)
     pictures = {id(job.picture): job.picture for job in jobs}.values()
     inputs = identities(path for picture in pictures for path in picture.files.values())
@@ -54,7 +54,10 @@ def require_room(jobs: Sequence[Job]) -> None:
 
 
 def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
-    """Write a sheet of at most ``count`` pictures, evenly spread over those that exist, if any."""
+    """Write a sheet of at most ``count`` pictures, evenly spread over those that exist.
+
+    Returns its path; None if no picture exists.
+    """
     kind = _kind_of_sheet(jobs)
     there = [job for job in jobs if job.paths[kind].exists()]
     if not there:
@@ -74,7 +77,7 @@ def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
 
 
 def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
-    """Write sRGB pictures of one width in rows, black below the lower ones."""
+    """Write sRGB pictures of equal width in rows; below lower pictures a row is black."""
     height = max(map(len, pictures))
     cells = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in pictures]
     cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)
@@ -84,7 +87,7 @@ def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
 
 
 def _lights(shipped: ShippedLens) -> NDArray[Any]:
-    """A picture by a lens of lights nearer and farther than the focus, sRGB [H, W, 3]."""
+    """A rendered picture of lights nearer and farther than the focus, by a lens: sRGB [H, W, 3]."""
     from defocus_core.renderer.render import render
 
     focus = {"focus": parsed("focus", _LENS_FOCUS, CALLER)}
@@ -113,7 +116,7 @@ def _night(height: int, width: int) -> tuple[Tensor, Tensor]:
 
 
 def _small(path: Path) -> NDArray[Any]:
-    """A picture over black, sRGB [h, w, 3], reduced to the width of a cell of the sheet."""
+    """A picture file over black, sRGB [h, w, 3], reduced to the width of a cell of the sheet."""
     color = read_color(path)
     pixels = color.pixels
     pixels = pixels[:, :, :-1] if color.channels[-1] == "A" else pixels

@@ -1,9 +1,9 @@
 """The choice of a cause: models are tried in turn, and that with the smallest residual wins.
 
-A cause is named if its residual is at most half of that of each rival, and of the difference. A
-model that includes a simpler one is no rival, and replaces it only if it halves the residual.
-If two rivals have similar residuals, none is named, and both are mentioned beside the place of the
-difference.
+A cause is named if its residual is at most half of the difference, and half of the residual of each
+rival. A model that includes a simpler one is not a rival of it, and replaces it only if it halves
+the residual. If two rivals have similar residuals, no cause is named, and the text on the place of
+the difference mentions both.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _NEARLY_ALL = 0.15  # residual of a model, at which those of further modules are
 def diagnose(
     pixels: Pixels, a: DecodedPicture, b: DecodedPicture, corner: tuple[int, int] = (0, 0)
 ) -> list[Finding]:
-    """The cause of the differences of a pair, or else their place; empty if both are unknown."""
+    """The finding of the cause of the differences, or of their place; empty if both are unknown."""
     codecs = a.layout.get("compression", ""), b.layout.get("compression", "")
     evidence = Evidence(pixels, b.types, _others(a.path, as_light=pixels.gamma == 1.0), codecs)
     old, new = (evidence.scaled(side) for side in evidence.sampled)
@@ -62,7 +62,7 @@ def diagnose(
 
 
 def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanation]]:
-    """The explanation to name, or None; and the two that tie if none is named."""
+    """The explanation to name, or None; then the two best ones if they tie."""
     fits = [*_fits(evidence, looks=False)]
     chosen, good = _chosen(fits, evidence)
     if chosen is not None and chosen.left <= _WEAK:
@@ -90,7 +90,10 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
 def _chosen(
     fits: Sequence[Explanation], evidence: Evidence
 ) -> tuple[Explanation | None, Sequence[Explanation]]:
-    """The fit that beats rivals and more general fits; or None, and all good fits, best first."""
+    """The fit to name, and an empty sequence; or None, and all good fits, the best first.
+
+    The fit to name beats its rivals, and is not beaten by a fit of a more general model.
+    """
     best: dict[str, Explanation] = {}
     for fit in fits:
         known = best.get(fixed_words(fit.name))
@@ -109,7 +112,10 @@ def _chosen(
 
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
-    """The fits of causes, module by module, until a fit explains nearly all of the difference."""
+    """The fits of the rows of `table` whose attribute `looks` has that value.
+
+    No further module is tried after a fit that explains nearly all of the difference.
+    """
     models, least = dict.fromkeys(row.model for row in CAUSES if row.looks == looks), math.inf
     for module, some in groupby(models, lambda model: model.partition(".")[0]):
         if least <= _NEARLY_ALL:
@@ -128,13 +134,13 @@ def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
 
 
 def _is_beyond(fit: Explanation, other: Explanation) -> bool:
-    """Whether the model of `fit` includes that of `other`, or has the same name."""
+    """Whether the model of `fit` includes that of `other`, or both have the same name."""
     kind = fixed_words(fit.name)
     return fixed_words(other.name) in (*BEYOND[kind], kind)
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
-    """The finding, with the names of the channels that differ unless all, or all colours, do."""
+    """The finding; its text begins with the channels that differ, if these are only some."""
     names, colors = {*evidence.names}, {n for layer in evidence.pixels.color for n in layer}
     every = names == {*evidence.pixels.names} or (colors and colors <= names)
     if every or names <= {*finding.values} or "factors" in finding.values:
@@ -161,7 +167,7 @@ def _by_lens(finding: Finding, a: DecodedPicture, b: DecodedPicture) -> Finding:
 
 
 def _others(path: Path, *, as_light: bool) -> dict[str, Mapping[str, Any]]:
-    """Channels of each file beside that of A, by the finding that B is this file."""
+    """Decoded channels of the files that B may be by mistake, by the name of the finding."""
     others: dict[str, Mapping[str, Any]] = {}
     for name, file in partners(path):
         with suppress(InputError):  # it is compared as a pair of its own

@@ -2,7 +2,7 @@
 
 An explanation predicts B from A. Of blocks of 16 px, every other one chooses its parameters, and
 the rest measure its residual. The scale of differences is sRGB up to 1 and logarithmic beyond, so
-that a few highlights do not decide. Rounding errors are subtracted only in the explained share.
+that a few highlights do not decide. Rounding errors are subtracted only by `explained`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PART_OF = 0.6  # greatest share of a picture in the rectangle of a patch
 _SMOOTH = 0.1  # least share of a difference that neighbours have in common
 _LESS = 0.98  # greatest residual of a model beside noise
 _SLIGHT = 2.5  # RMS of a difference by that of rounding, below which there is nothing to explain
-# RMS rounding error of number types on the scale of differences: absolute, and relative.
+# RMS rounding error of number types on the scale of `scaled`: absolute, and relative.
 _ROUNDING = {"uint8": (0.41 / 255, 0.0), "uint16": (0.41 / 65535, 0.0), "half": (0.0, 4e-4)}
 _FLOAT = (0.0, 1e-6)
 
@@ -59,7 +59,7 @@ class Evidence:
     Attributes:
         names: the channels that differ.
         types: number types of B.
-        others: channels of each file beside that of A, by the finding that B is this file.
+        others: channels of the files that B may be by mistake, by the name of the finding.
         codecs: compression of the files of A and of B.
         is_light: whether a channel that differs is colour.
         is_small: whether there are so few pixels that explaining half of them may be chance.
@@ -81,9 +81,9 @@ class Evidence:
 
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns of the samples, half of them where A and B differ.
+        """Rows and columns [N] of the samples; half of the samples lie where A and B differ.
 
-        The second half are the neighbours of the first, in the same order.
+        In a small picture all pixels are samples. Sample N/2 + k is the neighbour of sample k.
         """
         greatest = self.pixels.greatest.ravel()
         every = np.arange(greatest.size) if greatest.size <= _SAMPLES else None
@@ -135,19 +135,23 @@ class Evidence:
         return self.gamma == 1.0 or not self.pixels.color
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Stored values on the scale of differences."""
+        """Stored values on the scale on which differences are measured.
+
+        Colour is sRGB-encoded up to 1 and logarithmic beyond. Other linear numbers have the scale
+        arcsinh.
+        """
         return self.scaled_light(values) if self.is_linear else values
 
     def scaled_light(self, light: NDArray[Any]) -> NDArray[Any]:
-        """Linear light on the scale of differences."""
+        """Linear light, or other linear numbers, on the scale of `scaled`."""
         return unclipped(light) if self.pixels.color else np.arcsinh(light)
 
     def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Stored values from those on the scale of differences."""
+        """Stored values from values on the scale of `scaled`; its inverse."""
         return self.unscaled_light(values) if self.is_linear else values
 
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Linear light from values on the scale of differences."""
+        """Linear light from values on the scale of `scaled`; the inverse of `scaled_light`."""
         if not self.pixels.color:
             return np.asarray(np.sinh(values))
         size = np.abs(values)
@@ -171,14 +175,14 @@ class Evidence:
 
     @cached_property
     def rounding(self) -> float:
-        """RMS rounding error of the number type of B, on the scale of differences."""
+        """RMS rounding error of the number type of B, on the scale of `scaled`."""
         level = float(np.sqrt(np.square(self._aim[0]).mean()))
         steps = (_ROUNDING.get(kind, _FLOAT) for kind in self.types)
         return max((step + share * level for step, share in steps), default=0.0)
 
     @cached_property
     def rms(self) -> float:
-        """RMS difference where A and B differ, on the scale of differences."""
+        """RMS difference of the samples where A and B differ, on the scale of `scaled`."""
         differs = self.pixels.greatest[self.places] > 0
         return float(np.sqrt(np.square(self._aim[1][:, differs]).mean())) if differs.any() else 0.0
 
@@ -188,13 +192,16 @@ class Evidence:
         return self.rms < _SLIGHT * self.rounding
 
     def explained(self, left: float) -> float:
-        """The share of the difference that a residual leaves explained, but for rounding."""
+        """The share of the RMS difference that is explained, except for rounding.
+
+        `left`: RMS residual as a share of the RMS difference.
+        """
         forgiven = (self.rounding / self.rms) ** 2 if self.rms else 0.0
         return 1 - math.sqrt(max(left * left - forgiven, 0.0))
 
     @cached_property
     def _aim(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """B, and B − A, on the scale of differences."""
+        """B, and B − A, at the samples [C, N], on the scale of `scaled`."""
         a, b = (self.scaled(side) for side in self.sampled)
         return b, b - a
 
@@ -208,7 +215,7 @@ class Evidence:
         where: NDArray[np.bool_] | None = None,
         follows_rounding: bool = False,
     ) -> Explanation:
-        """The explanation by a prediction of B at the samples [C, N].
+        """The explanation that a prediction [C, N] of B at the samples gives.
 
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
         `follows_rounding`: whether the model may have learnt how values were rounded.
@@ -230,7 +237,7 @@ class Evidence:
 
     @cached_property
     def difference(self) -> NDArray[Any]:
-        """The mean [H, W] of the channels of B − A, on the scale of differences."""
+        """The mean [H, W] of the channels of B − A, on the scale of `scaled`."""
         total = np.zeros(self.size, np.float32)
         for rows in self.pixels.strips():
             for name in self.names:
@@ -255,9 +262,9 @@ class Evidence:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Rows and columns of the part, amid the difference, that is analysed as a whole.
+        """Rows and columns of a rectangle in the middle of the difference, analysed pixel by pixel.
 
-        Its corner is the corner of a block.
+        It begins at the corner of a block.
         """
         power, ends = np.minimum(self.pixels.greatest, _LARGE), []
         for axis, length in enumerate(self.size):
@@ -269,19 +276,19 @@ class Evidence:
 
     @cached_property
     def framed(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """A and B [C, h, w] in the frame, on the scale of differences."""
+        """A and B [C, h, w] in the rectangle `frame`, on the scale of `scaled`."""
         a, b = (self.scaled(self.values_at(side, *self.frame)) for side in "ab")
         return a, b
 
 
 def _common(weights: NDArray[Any], values: NDArray[Any]) -> float:
-    """The weighted sum of products of neighbours, as in both halves of values [C, N]."""
+    """The weighted sum of products of neighbours: sample k times sample N/2 + k of [C, N]."""
     first, second = np.split(values, 2, axis=1)
     return float((np.sqrt(np.prod(np.split(weights, 2, axis=1), axis=0)) * first * second).sum())
 
 
 def steepness(light: NDArray[Any]) -> NDArray[Any]:
-    """The approximate slope of the scale of differences at values of linear light."""
+    """The approximate slope of `Evidence.scaled_light` at values of linear light."""
     magnitude = np.maximum(np.abs(light), 0.003)
     return np.asarray(magnitude ** np.where(magnitude < 1.0, 1 / 2.4 - 1, -1.0))
 
@@ -293,7 +300,7 @@ def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool
 
 
 def sums_of_parts(values: NDArray[Any], side: int) -> NDArray[Any]:
-    """Sums [h, w] of values [H, W] over squares of ``side`` px."""
+    """Sums [h, w] of values [H, W] over squares with sides of ``side`` px."""
     rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
 
@@ -301,7 +308,7 @@ def sums_of_parts(values: NDArray[Any], side: int) -> NDArray[Any]:
 def summed_up(
     columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
 ) -> NDArray[Any]:
-    """The factors with which the sum of columns fits an aim, by weighted least squares."""
+    """The factor of each column with which their sum fits an aim, by weighted least squares."""
     design = np.stack([(column * weights).ravel() for column in columns])
     square, sums = design @ design.T, design @ (aim * weights).ravel()
     square[np.diag_indices(len(columns))] *= 1 + 1e-12

@@ -68,8 +68,8 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 def moved(evidence: Evidence) -> Iterator[Explanation]:
     """B is A moved by whole or fractional px, and enlarged; pixels from outside A are ignored.
 
-    A move is px down, right, and outwards at half of the longer side. Fractions of px are found by
-    Gauss-Newton steps (Lucas and Kanade, 1981).
+    A move is three numbers in px: down, right, and outwards, at a distance of half the longer side
+    from the centre. Fractions of px are found by Gauss-Newton steps (Lucas and Kanade, 1981).
     """
     names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
     few = np.flatnonzero(evidence.fits)
@@ -108,7 +108,7 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _explained(evidence: Evidence, move: NDArray[Any]) -> Explanation:
-    """The explanation by a move."""
+    """The explanation that a move gives, as [down, right, outwards] in px."""
     inside, there = _moved(evidence, slice(None), move, evidence.names)
     there = evidence.stored(there) if _is_of_light(evidence) else evidence.unscaled(there)
     down, right, out = map(float, move)
@@ -139,14 +139,17 @@ def _ways(evidence: Evidence) -> Iterator[NDArray[Any]]:
 
 
 def _is_of_light(evidence: Evidence) -> bool:
-    """Whether moves interpolate linear light, not values on the scale of differences."""
+    """Whether moves interpolate linear light, not values on the scale of `Evidence.scaled`."""
     return evidence.gamma == 1.0 and bool(evidence.pixels.color)
 
 
 def _moved(
     evidence: Evidence, few: Any, move: NDArray[Any], names: Sequence[str]
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Mask of the samples whose source lies within A, and values [C, N] of the moved A."""
+    """Mask of the samples whose source lies within A, and values [C, N] of the moved A.
+
+    `few`: the indices of the samples to move.
+    """
     inside, axes = np.bool_(True), []
     for places, length, by in zip(evidence.places, evidence.size, move[:2], strict=True):
         out = (places[few] - (length - 1) / 2) / (max(evidence.size) / 2)

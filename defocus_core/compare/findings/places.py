@@ -1,7 +1,7 @@
 """The place of a difference that no cause explains.
 
-A place is named if it holds a much larger share of the squared difference than of the pixels, by
-the relative entropy of both shares.
+A place is named if its share of the squared difference is much larger than its share of the pixels,
+measured by the relative entropy of the two shares.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def place_of(
 
 
 def coc_map(file: DecodedPicture) -> NDArray[Any] | None:
-    """The signed radius [H, W] in px: a channel ``coc``, or a CoC map beside the file; or None."""
+    """Signed radius [H, W] in px, from a channel ``coc`` or a CoC map beside the file; or None."""
     planes, path = file.planes, file.path.parent.parent / "coc" / f"{file.path.stem}.exr"
     if "coc" not in planes and path.is_file() and path != file.path:
         with suppress(InputError):
@@ -118,7 +118,7 @@ def _by_light(evidence: Evidence, a: NDArray[Any]) -> _Places:
 
 
 def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
-    """Places at the border, and the rectangle with most of the power."""
+    """Places at the border, and the rectangle with most of `power`, the squared difference."""
     size, step = evidence.size, cut[0].step
     for wide in _BORDERS:
         outer = np.ones(size, bool)

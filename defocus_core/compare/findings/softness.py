@@ -84,18 +84,20 @@ _FILTERS: dict[_Kernel, str] = {
 
 @cache
 def _response(kernel: _Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Frequencies, and the response of a kernel to them."""
+    """Frequencies in cycles per px, and the response of a kernel to each."""
     t, f = np.linspace(-4, 4, 801), np.linspace(0, 3, 300)
     values = np.cos(2 * np.pi * f[:, None] * t) @ kernel(t)
     return f, values / values[0]
 
 
 class _Frame:
-    """The mean [h, w] of the channels of A and of B in the frame of a pair, of light or stored.
+    """The mean [h, w] of the channels of A and of B in the frame of a pair.
+
+    It is the mean of linear light, or of stored values.
 
     Attributes:
         sides: A and B.
-        shown: the same on the scale of differences.
+        shown: the same on the scale of `Evidence.scaled`.
         steady: mask [h, w] of pixels with none nearby that may be clipped by an integer type.
         chooses: mask [h, w] of pixels that choose parameters; the others measure residuals.
     """
@@ -113,18 +115,18 @@ class _Frame:
         self.steady, self.chooses = ~widened(clipped, _MARGIN), blocks_in_turn(clipped.shape, 4)
 
     def scaled(self, values: _Plane) -> _Plane:
-        """Values of the frame on the scale of differences."""
+        """Values of the frame on the scale of `Evidence.scaled`."""
         return self.evidence.scaled_light(values) if self.is_light else values
 
     @cached_property
     def slope(self) -> _Plane:
-        """The slope [h, w] of the scale of differences, 0 where light may be clipped."""
+        """Slope [h, w] of `scaled` at the values, 0 where light may be clipped."""
         steep = steepness(np.maximum(*map(np.abs, self.sides))) if self.is_light else 1.0
         return np.where(self.steady, steep, 0.0)
 
     @cached_property
     def spectra(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The spectra of A and of B, which are faded out at the borders."""
+        """The spectra of A and of B, both faded out at the borders before."""
         window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.steady.shape)))
         a, b = (np.fft.rfft2((side - side.mean()) * window) for side in self.sides)
         return a, b
@@ -137,7 +139,10 @@ class _Frame:
 
     @cached_property
     def filtered(self) -> tuple[float, _Plane]:
-        """The residual of the spectra, and A filtered by the isotropic response of B to A."""
+        """The share of the squared difference that is left, and A filtered by an isotropic filter.
+
+        The filter is fitted so that A becomes B.
+        """
         old, new = self.spectra
         radii = np.sqrt(self.squares) * 2 * _RINGS
         rings = np.minimum(radii, _RINGS).astype(int).ravel()
@@ -174,7 +179,7 @@ class _Frame:
         return bool((change * detail).sum() > _COHERENT * np.sqrt(both))
 
     def explain(self, there: _Plane, name: str, how: str, **values: float) -> Explanation:
-        """The explanation by a predicted frame of B."""
+        """The explanation that a prediction of B in the frame gives."""
         there = there if self.evidence.gamma == 1.0 else there.clip(0.0, 1.0)
         (a, b), used = self.shown, self.measures
         left, every = (np.square((v - b)[used]).sum() for v in (self.scaled(there), a))
@@ -182,7 +187,7 @@ class _Frame:
 
 
 def softened(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A filtered, or A is B filtered, everywhere or in parts; or B has more detail."""
+    """B is a filtered A, A is a filtered B, or each in some parts; or B has lower resolution."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
     sides = [cut.stop - cut.start for cut in evidence.frame]
@@ -228,7 +233,7 @@ def _resized(frame: _Frame) -> Explanation:
 
 
 def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:
-    """Factors of size and pairs of filters with a response like that of B to A, best first."""
+    """Factors of reduction with pairs of filters (down, up) that make about B of A, best first."""
     rows = np.abs(np.fft.fftfreq(len(frame.steady))) < _SMOOTH
     old, new = (spectrum[rows] for spectrum in frame.spectra)
     power, common = (np.abs(old) ** 2).sum(axis=0), (old.conj() * new).real.sum(axis=0)
@@ -265,7 +270,7 @@ def _through_size(
 
 
 def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
-    """B is A blurred, or A is B blurred, everywhere or by a different amount in each part.
+    """B is a blurred A, or A is a blurred B, by a different amount in each part.
 
     The blur of a part is a sum of gaussians, by least squares at the pixels of `chooses`.
     """
@@ -299,6 +304,6 @@ def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
 
 
 def _spread(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
-    """The value of each part at all of its pixels."""
+    """A map like `like`, where the pixels of each part have the value of the part."""
     every = np.repeat(np.repeat(values, _PART, axis=0), _PART, axis=1)
     return every[: like.shape[0], : like.shape[1]]

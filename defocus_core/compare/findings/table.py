@@ -1,4 +1,4 @@
-"""Findings: a row for each cause, and the places of unexplained differences.
+"""Findings: a row for each cause of a difference, and the places of differences without a cause.
 
 Rows are tried in order, simpler ones first. Rules on findings take their names from
 these rows; `defocus help compare` tells the evidence of each.
@@ -89,7 +89,7 @@ class Finding:
 
 
 def fixed_words(name: str) -> str:
-    """The fixed words of a name, like ``clipped`` of ``clipped at 1``."""
+    """The fixed words at the beginning of a name, like ``clipped`` of ``clipped at 1``."""
     kinds = [kind for kind in FINDINGS if f"{name} ".startswith(f"{kind} ")]
     return max(kinds, key=len, default=name)
 

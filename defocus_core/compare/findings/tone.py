@@ -40,7 +40,7 @@ _ONE = 1.001  # greatest number of values that are normalised
 
 
 def clipped_light(pixels: Pixels) -> list[Finding]:
-    """The finding of the limit that clipped the light of B, if any; sought in every pair."""
+    """The finding of the limit at which the light of B is clipped, if any; for every pair."""
     for layer in pixels.color:
         (_, high), (_, limit) = (_ends(pixels, side, layer) for side in (0, 1))
         if not (math.isfinite(high) and high > _MORE * limit > 0):
@@ -75,7 +75,7 @@ def _ends(pixels: Pixels, side: int, names: Sequence[str]) -> tuple[float, float
 
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
-    """Findings of channels that vary in A and are 0 throughout B; sought in every pair."""
+    """Findings of channels that vary in A and are 0 everywhere in B; for every pair."""
     zero, (old, new) = (0.0, 0.0), pixels.ranges
     lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:
@@ -117,7 +117,7 @@ def clipped(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def quantised(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A in the number type of B, half or 8 bits, or rounded to the levels of few bits."""
+    """B is A rounded to half floats, to 8 bits, or to fewer levels."""
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
         half = a.astype(np.float16).astype(np.float32)
@@ -222,7 +222,7 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def summed(evidence: Evidence) -> Iterator[Explanation]:
-    """B = a A + b on some scale, for all channels or for each; or B is encoded once more."""
+    """B = a A + b in light or in sRGB, for all channels or for each; or A is encoded once more."""
     (a, b), color, back = evidence.sampled, evidence.is_light, evidence.stored
     low, is_wider = _ends(evidence.pixels, 1, evidence.names)[0], _exceeds(evidence)
     fits = evidence.fits & evidence.steady
@@ -261,10 +261,10 @@ def _sums(
     back: _Curve,
     of: str = "",
 ) -> Iterator[Explanation]:
-    """B = a A + b, fitted to sides [C, N] on a scale: of all channels, and of each.
+    """B = a A + b, fitted to `sides`, A and B [C, N] on a scale: for all channels, and for each.
 
-    `weights`: 0 for samples that are ignored. `back`: values of the file from those of the scale.
-    `of`: words for the scale.
+    `weights`: 0 for samples that are ignored. `back`: a function from values on the scale to those
+    of the file. `of`: the name of the scale, for the text.
     """
     (old, new), names = sides, evidence.names
     columns = [old, np.ones_like(old)][: 1 if name in FACTOR else 2]
@@ -286,7 +286,7 @@ def _sums(
 
 
 def _words(name: str, factor: float, constant: float) -> str:
-    """The numbers of a sum."""
+    """The factor and the constant of a sum, as text."""
     if name in FACTOR:
         stops = f" ({math.log2(max(factor, 1e-9)):+.3g} EV)"
         return f"x {factor:.4g}" + stops * (name == FACTOR[0])
@@ -298,7 +298,7 @@ def _words(name: str, factor: float, constant: float) -> str:
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """R, G and B of the only layer are mixed by a matrix, in light or as a screen shows them."""
+    """R, G and B of the only layer are mixed by a matrix, in linear light or sRGB-encoded."""
     found = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if evidence.is_small or len(found) != 1 or not set(evidence.names) <= set(found[0]):
         return

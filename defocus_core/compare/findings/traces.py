@@ -1,4 +1,4 @@
-"""Causes known by the place or looks of a difference: few pixels, seams, codecs, noise."""
+"""Causes recognised by the pattern of a difference: few pixels, seams, codecs, noise."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def sparks(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:
-    """The difference lies on equidistant lines, as of tiles, or each tile has its own gain."""
+    """The difference lies on equidistant lines, as between tiles, or each tile has its own gain."""
     yield from _gains_of_tiles(evidence)
     difference = evidence.difference
     lines = [_lines(difference), _lines(difference.T)]  # columns and rows
@@ -103,7 +103,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def compressed(evidence: Evidence) -> Iterator[Explanation]:
-    """Frequencies of B in blocks of 8 px are those of A, rounded (ITU-T T.81) or 0 if small."""
+    """The frequencies of blocks of 8 x 8 px of A are rounded in B (ITU-T T.81), or 0 if small."""
     sides = [side.astype("f8") for side in evidence.framed]
     weights = np.array(_Y if len(sides[0]) == 3 else [1 / len(sides[0])] * len(sides[0]))
     luma = [np.tensordot(weights, values, 1) for values in sides]
@@ -131,7 +131,7 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _left_of_rounding(*sides: NDArray[Any]) -> float:
-    """The residual of quantising each frequency of blocks of A, as a share of the power."""
+    """What is left of the difference if each frequency of blocks of A is quantised, as a share."""
     a, b = map(_frequencies, sides)
     turn = np.arange(len(a)) % 2 == 0
     steps = np.geomspace(0.25 / 255, 1.5, 60)[:, None, None]

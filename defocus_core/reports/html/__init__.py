@@ -1,1 +1,1 @@
-"""Pages of one HTML file each: reports, whose items have layers; the choice of a focus."""
+"""HTML pages, each of one file: reports of comparisons, and the page to choose a focus on."""

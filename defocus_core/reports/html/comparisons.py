@@ -1,4 +1,4 @@
-"""The report of comparisons: an item for each pair, failures first, the worst at the top."""
+"""The HTML report of comparisons: an item for each pair, the worst failure first."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _numbers = count()
 
 @dataclass(frozen=True)
 class ReportHeader:
-    """The heading of a report, and its commands."""
+    """The heading of a report, and the commands that it shows."""
 
     title: str  # heading of the report
     words: Sequence[str]  # lines on what was compared
@@ -56,7 +56,7 @@ class ReportHeader:
 
 
 def write(path: Path, header: ReportHeader, records: Sequence[Comparison], processes: int) -> None:
-    """Write the report of comparisons, failures first, the worst at the top."""
+    """Write the HTML report of comparisons, the worst failure first."""
     ranked = sorted(records, key=rank)
     drawings = spread(_drawn, list(_wanted(ranked)), processes, "the report")
     items = [_item(one, *drawing, header) for one, drawing in zip(ranked, drawings, strict=True)]
@@ -71,7 +71,7 @@ def write(path: Path, header: ReportHeader, records: Sequence[Comparison], proce
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
-    """The key to sort pairs: failures first, of these NaN and Inf first, then by relative error."""
+    """The key to sort pairs: failures first, of these NaN and Inf first, then by error."""
     order = {status: -place for place, status in enumerate(STATUSES)} | {DIFFERENT: -len(STATUSES)}
     apart = record.nonfinite is not None and record.nonfinite.apart is not None
     error = record.metrics.get("rel-rmse", record.metrics.get("max", 0.0))
@@ -79,7 +79,7 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 
 def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
-    """Each pair, and whether its values are kept: if it fails, as far as there is room."""
+    """Each pair, and whether the file keeps its values: if it fails, and there is room."""
     room = ROOM - min(ROOM // 2, len(ranked) * THUMBNAILS)
     for record in ranked:
         is_valued = room > 0 and (not record.passes or record.status == WARNING)
@@ -110,7 +110,10 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
 
 
 def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
-    """Terms and their texts; empty ones are left out."""
+    """The facts on a pair, as terms and texts; facts without a text are left out.
+
+    `b`: the text for B; empty for its path.
+    """
     metrics = ", ".join(number_words(name, value) for name, value in record.metrics.items())
     rows = [
         ("What happened", "; ".join(finding.text for finding in record.findings)),
@@ -131,7 +134,7 @@ def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
 
 
 def setting_lines(settings: CompareSettings) -> list[str]:
-    """Lines on the parts of the pictures that were compared; empty for all."""
+    """Lines that tell which parts of the pictures were compared; empty if all were."""
     chosen = {
         "region": settings.region,
         "where this is not 0": settings.mask,
@@ -145,7 +148,10 @@ def setting_lines(settings: CompareSettings) -> list[str]:
 def keep_check(
     folder: Path, records: Sequence[Comparison], golden: Path, test: str, picture: Any
 ) -> None:
-    """Keep a failed picture for a report, with the records of its goldens, if any."""
+    """Store a failed picture in a folder for `write_checks`.
+
+    `records`: its comparisons with its goldens; empty without a golden.
+    """
     record = records[0] if records else Comparison("", None, None, EXTRA)
     stem = folder / f"{os.getpid()}-{next(_numbers)}"
     suffix = Path(picture).suffix if isinstance(picture, str | Path) else ".exr"
@@ -155,7 +161,7 @@ def keep_check(
 
 
 def write_checks(folder: Path, path: Path) -> None:
-    """Write the report of the failed pictures in a folder."""
+    """Write the HTML report of the failed pictures that `keep_check` has stored in a folder."""
     kept = [pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))]
     tests: dict[str, str] = {record.name: test for record, test in kept}
 

@@ -1,7 +1,8 @@
 """A page for choosing focus and blur: small rendered pictures, and the command of each.
 
-The pictures differ in the distance in focus (`_FOCUSES`, of surfaces), the strength of blur
-(`_STRENGTHS`) and the near end of relative depth. The page shows the nearest to the choice.
+The pictures differ in the distance in focus (`_FOCUSES` surfaces), the strength of the blur
+(`_STRENGTHS`) and, for relative depth, in which end is near. The page shows the picture nearest to
+what the reader chooses.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class _Focus(NamedTuple):
     sharp: Unitless | None = None  # the numbers of its surface
 
     def plain(self) -> dict[str, object]:
-        """The fields in plain values, with the sharp range as an option."""
+        """The fields for JSON, with the sharp range as an option of the command line."""
         sharp = "" if self.sharp is None else LENS_OPTIONS["sharp-range"].text(self.sharp)
         option = f" --sharp-range {sharp}" if sharp else ""
         return {"value": self.value, "place": self.place, "sharp": option}
@@ -96,17 +97,17 @@ def write_choice(
     whole_surface: bool = False,
     either_end: bool = False,
 ) -> None:
-    """Write the page of a picture.
+    """Write the page on which focus and blur of a picture are chosen.
 
-    `command`: the words that render the picture, without focus and strength; `whole_surface`:
-    whether the surface in focus is sharp to its edges, as in a first picture; `either_end`:
-    whether the reader chooses which end of relative depth is near.
+    `command`: the words of the command that renders the picture, without focus and strength.
+    `whole_surface`: whether all of the surface in focus is sharp. `either_end`: whether the reader
+    chooses which end of relative depth is near.
     """
     load()
     job = Job(picture, lens, reading, Outputs(Path()), machine)
     color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
     if depth.is_radius and not depth.is_relative:
-        problem, remedy = "holds radii, by which the focus is chosen already", "give depth"
+        problem, remedy = "holds radii, which have a focus already", "give depth"
         raise InputError("radii", problem, remedy, path=depth.path)
     small, lens = _reduced(job, color, depth), in_pixels(lens, depth)
     focuses = _focuses(small, lens, depth, whole_surface)
@@ -151,10 +152,10 @@ def write_choice(
 
 
 def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
-    """The disparities in focus, ascending: at most `_FOCUSES`, each that of a surface.
+    """At most `_FOCUSES` disparities to focus on, ascending, each of which occurs in the picture.
 
-    Their density is the cube root of that of the pixels, which minimises the mean squared distance
-    to the nearest one (Panter and Dite 1951).
+    Their density is proportional to the cube root of the density of the pixels, which minimises
+    the mean squared distance of a pixel to the nearest of them (Panter and Dite 1951).
     """
     low, high = float(disparity.min()), float(disparity.max())
     if low == high:
@@ -170,14 +171,17 @@ def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
 
 
 def _rendered(job: Job, inputs: Inputs, inverted: bool) -> bytes:
-    """A JPEG of a small picture, by one of the ends of its depth that may be near."""
+    """The rendered small picture, as a JPEG; `inverted`: whether black is near."""
     inputs = replace(inputs, depth=replace(inputs.depth, inverted=inverted))
     image = compute(prepare(job, inputs)).images["render"]
     return _jpeg(replace(inputs.color, planes=tuple(image)))
 
 
 def _focuses(small: _Small, lens: LensValues, depth: Depth, whole_surface: bool) -> list[_Focus]:
-    """The choices of focus; with whole surfaces, that of the lens replaces the nearest choice."""
+    """The choices of focus.
+
+    With `whole_surface`, the focus of the lens takes the place of the choice nearest to it.
+    """
     shows_surface = ~on_ramp(small.disparity)
     if not shows_surface.any():
         shows_surface[:] = True
@@ -198,7 +202,7 @@ def _focuses(small: _Small, lens: LensValues, depth: Depth, whole_surface: bool)
 
 
 def _strengths(lens: LensValues) -> list[LensValues]:
-    """The lens with each strength, rounded as in the command."""
+    """The lens with each strength of blur, rounded as the command has it."""
     if isinstance(lens.blur, float):
         blurs = (float(f"{lens.blur * factor:.3g}") for factor in _STRENGTHS)
         return [replace(lens, blur=blur) for blur in blurs]
@@ -207,7 +211,7 @@ def _strengths(lens: LensValues) -> list[LensValues]:
 
 
 def _refocused(lens: LensValues, focus: _Focus, scale: float) -> LensValues:
-    """The lens focused at a disparity, for a picture of another size."""
+    """The lens with that focus, for a picture whose width is `scale` times that of the original."""
     sharp = lens.sharp_range if focus.sharp is None else focus.sharp
     lens = replace(lens, focus_at=None, focus_percentile=None, sharp_range=sharp)
     clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale
@@ -218,7 +222,7 @@ def _refocused(lens: LensValues, focus: _Focus, scale: float) -> LensValues:
 
 
 def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
-    """The job at the size of the page: colour by mean light, depth by nearest pixel."""
+    """The picture reduced to the size of the page: colour by mean light, depth by nearest pixel."""
     width, height = color.size
     scale = min(1.0, _WIDEST / width, math.sqrt(_PIXELS / (width * height)))
     size = max(1, round(height * scale)), max(1, round(width * scale))
@@ -245,7 +249,7 @@ def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
 
 
 def _jpeg(color: Color) -> bytes:
-    """A JPEG of a picture as a screen shows it."""
+    """A picture as a JPEG in sRGB."""
     samples: NDArray[np.uint8] = display_encoded(
         np.stack([plane[:] for plane in color.planes], axis=2),
         color.channels,
@@ -258,7 +262,7 @@ def _jpeg(color: Color) -> bytes:
 
 
 def _depth_layer(small: _Small, depth: Depth) -> Layer:
-    """The disparity of a picture in 65536 steps, or those of a file of whole numbers."""
+    """The layer of the disparity, in 65536 steps, or in the whole numbers of the file."""
     low, high = ends = float(small.disparity.min()), float(small.disparity.max())
     if high - low <= _TOP and (small.disparity == small.disparity.round()).all():
         high = low + _TOP
@@ -271,7 +275,7 @@ def _depth_layer(small: _Small, depth: Depth) -> Layer:
 
 
 def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> tuple[int, int]:
-    """The pixel (x, y) nearest to the middle of all pixels of a surface at a disparity."""
+    """The pixel (x, y) of the original picture in the middle of a surface of that disparity."""
     rows, columns = np.nonzero((small.disparity == value) & shows_surface)
     best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
     x, y = (int((each[best] + 0.5) / small.scale) for each in (columns, rows))
@@ -279,7 +283,7 @@ def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> 
 
 
 def _strength_words(lens: LensValues) -> dict[str, str]:
-    """A strength in words, and as an option."""
+    """The strength of the blur of a lens, in words and as an option of the command line."""
     if lens.blur is None:
         return {"words": f"f/{lens.fnum:g}", "option": f"--fnumber {lens.fnum:g}"}
     text = LENS_OPTIONS["blur"].text(lens.blur)

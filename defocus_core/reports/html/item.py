@@ -1,4 +1,4 @@
-"""The records of a report: items, their layers, and the values of layers.
+"""The records of an HTML report: items, their layers, and the values of layers.
 
 The script and the template of the report use the names of their fields.
 """
@@ -17,7 +17,7 @@ HEAT = "heat"  # a difference, whose thumbnail has colours
 
 @dataclass(frozen=True)
 class StoredValues:
-    """Values of a layer in numbers of 16 bits, packed: halves, or steps between two ends."""
+    """Packed values of a layer, of 16 bits: half floats, or steps between two ends."""
 
     payload: bytes  # packed by `defocus_core.reports.html.layers`
     box: tuple[int, int, int, int]  # column, row, width and height in px of the window

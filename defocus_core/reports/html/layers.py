@@ -1,4 +1,4 @@
-"""Layers of an item, drawn from decoded pictures, with the values of all pixels or of a window.
+"""Layers of an item of a report, made from decoded pictures, with values of all or some pixels.
 
 Values are packed as numbers of 16 bits, which a browser unpacks and shows at any exposure: those of
 integer files as they are, others as half floats. The file stores the difference of each, modulo
@@ -44,20 +44,20 @@ _USUAL = 95  # percentile of the pixels that differ, at the hottest colour
 
 
 def scale_of(planes: Sequence[NDArray[Any]], *, least: float = 1.0) -> float:
-    """The power of 2 by which values of planes are divided to fit into halves."""
+    """The power of 2 by which values are divided so that they fit into half floats."""
     maximum = max(map(largest, planes), default=0.0)
     return max(least, 2.0 ** math.ceil(math.log2(maximum / _LARGEST))) if maximum else 1.0
 
 
 def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
-    """The bits of planes [H, W] as halves, [C, H, W]."""
+    """The bits [C, H, W] of half floats, of planes [H, W] divided by `scale`."""
     with np.errstate(all="ignore"):
         halves = np.stack([_scaled(plane, scale).astype(np.float16) for plane in planes])
     return halves.view(np.uint16)
 
 
 def are_integers(planes: Sequence[NDArray[Any]], greatest: int) -> bool:
-    """Whether planes [H, W] are integers up to `greatest`, divided by it."""
+    """Whether all values times `greatest` are whole numbers from 0 to `greatest`."""
     rounding = greatest * 2.0**-22  # of float32, twice
     with np.errstate(invalid="ignore", over="ignore"):
         steps = (plane * np.float32(greatest) for plane in planes)
@@ -70,7 +70,7 @@ def are_integers(planes: Sequence[NDArray[Any]], greatest: int) -> bool:
 
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
-    """The numbers to store as halves."""
+    """The values divided by `scale`, to be stored as half floats."""
     return plane if scale == 1 else np.asarray(plane, np.float64) / scale
 
 
@@ -80,7 +80,11 @@ def pack(
     scale: float = 1.0,
     base: tuple[str, NDArray[np.uint16]] | None = None,
 ) -> StoredValues:
-    """Pack bits [C, H, W], relative to the left neighbour or the base, whichever is shorter."""
+    """Pack bits [C, H, W] of the pixels of a box.
+
+    Each is stored as the difference from its left neighbour or from `base` (the key and the bits of
+    another layer), whichever is shorter.
+    """
     _, height, width = values.shape
     first = values.copy()
     first[:, :, 1:] -= values[:, :, :-1]
@@ -108,7 +112,10 @@ class Drawn:
 def shown_channels(
     names: Sequence[str], differences: Mapping[str, float] | None = None
 ) -> tuple[str, ...]:
-    """The channels of a file that are shown: its first colour, or those that differ most."""
+    """The channels of a file to show: its first colour, or those that differ most.
+
+    `differences`: the greatest difference of each channel.
+    """
     groups = [] if is_map(names) else list(color_layers(names))
     groups += [(name,) for name in names if not any(name in group for group in groups)]
     maximum = [max((differences or {}).get(name, 0.0) for name in group) for group in groups]
@@ -125,7 +132,10 @@ def draw(
     *,
     value_range: tuple[float, float] | None = None,
 ) -> Drawn:
-    """A layer of some channels of a picture."""
+    """A layer made of some channels of a picture.
+
+    `value_range`: the values shown as black and as white; None to find them.
+    """
     planes = [picture.planes[name] for name in names]
     kind = layer_kind(names)
     value_range = value_range or thumbnails.ends_of(planes[0], kind)
@@ -143,7 +153,7 @@ def draw(
 
 
 def layer_kind(names: Sequence[str]) -> str:
-    """The kind of a layer of some channels."""
+    """The kind of a layer with these channels: light, or a kind of map."""
     if not is_map(names) and next(color_layers(names), None):
         return LIGHT
     row = KINDS.get(names[0])
@@ -153,7 +163,7 @@ def layer_kind(names: Sequence[str]) -> str:
 
 
 def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
-    """The part of a picture whose values are kept: all of it, or a window around a place."""
+    """The box of a picture whose values are kept: all of it, or a window around a place (x, y)."""
     width, height = size
     if width * height <= WHOLE:
         return 0, 0, width, height
@@ -165,10 +175,10 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
 
 
 def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
-    """All layers, with the values of those that have the size of the first.
+    """The layers, completed by the values of those that have the size of the first.
 
-    Values are those of a window about a place; A and B share their type and scale. If that type
-    cannot hold the values of A and B, their difference is a layer of its own.
+    Values are kept in a window around `place`, (x, y). A and B have the same type and scale. If
+    that type does not hold their values exactly, the difference has values of its own.
     """
     size = drawn[0].layer.size
     x, y, width, height = box = window_of(size, place)
@@ -201,7 +211,7 @@ def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) 
 def _difference(
     a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]], scale: float, box: Box
 ) -> StoredValues | None:
-    """The values of a difference that A and B as halves do not give exactly, else None."""
+    """The packed values of B − A; None if A and B as half floats are exact."""
     both = zip(half_bits([*a, *b], scale).view(np.float16), [*a, *b], strict=True)
     with np.errstate(all="ignore"):
         if all(np.array_equal(h, _scaled(p, scale), equal_nan=True) for h, p in both):
@@ -212,7 +222,10 @@ def _difference(
 
 
 def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
-    """The layers of the readable files of a pair, and the difference at the hottest colour."""
+    """The layers of the readable files of a pair; then the difference at the hottest colour.
+
+    `values`: whether layers have values, not thumbnails alone.
+    """
     equal = record.passes and not record.differing and record.b is not None
     a, b = None if equal else _read(record.a), _read(record.b)
     if not (a or b):
@@ -233,7 +246,7 @@ def _read(path: Path | None) -> DecodedPicture | None:
 def _pair(
     a: DecodedPicture | None, b: DecodedPicture | None, record: Comparison, title: str
 ) -> tuple[list[Drawn], float]:
-    """The layers A, B and their difference, as far as they exist, and the hottest difference."""
+    """The layers A, B and difference, if they exist; then the difference at the hottest colour."""
     sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
     names = [n for n in sides[-1][2].planes if all(n in each.planes for _, _, each in sides)]
     if not names:
@@ -248,7 +261,7 @@ def _pair(
 
 
 def difference_of(a: Drawn, b: Drawn) -> tuple[list[Drawn], float]:
-    """The difference of two layers, unless they are equal, and its value at the hottest colour."""
+    """The layer of the difference, if it is not 0; then the difference at the hottest colour."""
     greatest = _greatest(a.planes, b.planes)
     full = _full(greatest)
     if not full:
@@ -259,7 +272,7 @@ def difference_of(a: Drawn, b: Drawn) -> tuple[list[Drawn], float]:
 
 
 def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """The greatest difference of the channels of each pixel; equal NaN or Inf count as 0."""
+    """The greatest difference of any channel at each pixel; equal NaN or Inf count as 0."""
     greatest: NDArray[Any] = np.zeros(a[0].shape)
     with np.errstate(all="ignore"):
         for one, other in zip(a, b, strict=True):
@@ -270,7 +283,7 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The power of 2 at the hottest colour, which few differences exceed; 0 if there are none."""
+    """The difference at the hottest colour: a power of 2 that few pixels exceed; 0 if equal."""
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0

@@ -1,11 +1,13 @@
-"""A page of one HTML file: a template with style and script, then data, then payloads.
+"""A page in one HTML file: a template with style and script, then data, then payloads.
+
+A payload is a picture or the values of a layer, in base64.
 
 The page loads nothing: style, script and all pictures are in the file. Names of files are escaped,
 and the browser runs only our script (by its hash, Content-Security-Policy). ``templates/page.*``
 has the common parts of pages, ``viewer.js`` the viewer of pictures.
 
-A file has a bounded size: thumbnails of the items in their order take up to a half of the room,
-their values the rest.
+The size of a file is limited to `ROOM`: half of it is for thumbnails of the items, in their order,
+and the rest for values.
 """
 
 from __future__ import annotations
@@ -62,8 +64,9 @@ def write_report(
 ) -> None:
     """Write the HTML file of a report, whole or not at all.
 
-    `items`: the most important first; `columns`: name, title and metric of numbers; `words`: lines
-    on what was compared; `accept`: beginning of the command that accepts the ticked ones, or empty.
+    `items`: the most important first. `columns`: name, title and metric of each column of numbers.
+    `words`: lines on what was compared. `accept`: the beginning of the command that accepts the
+    ticked items; empty for none.
     """
     items = fitted(items)
     payloads: dict[str, str] = {}
@@ -86,7 +89,7 @@ def write_report(
 
 
 def _room_words(items: Sequence[Item]) -> str:
-    """Words on the pictures and values that there was room for."""
+    """A sentence on how many items have thumbnails and values."""
     valued = sum(any(layer.values for layer in item.layers) for item in items)
     pictured = sum(any(layer.thumbnail for layer in item.layers) for item in items)
     if valued == len(items):
@@ -98,10 +101,11 @@ def _room_words(items: Sequence[Item]) -> str:
 
 
 def plain(value: Any, payloads: dict[str, str]) -> Any:
-    """A record in plain values, by the names of its fields.
+    """A record as values that JSON has: a dictionary of its fields.
 
-    Control characters of texts are removed; bytes become the name of a payload (empty if there are
-    none), and a number that JSON lacks becomes the name that the script has for it.
+    Control characters in texts are removed. Bytes are added to `payloads`, in base64, and become
+    their name there (empty for no bytes). NaN and infinity become the texts NaN, Infinity and
+    -Infinity.
     """
     if is_dataclass(value):
         return {each.name: plain(getattr(value, each.name), payloads) for each in fields(value)}
@@ -123,19 +127,19 @@ def plain(value: Any, payloads: dict[str, str]) -> Any:
 
 
 def _row_pictures(item: Mapping[str, Any]) -> list[str]:
-    """Payloads of the pictures of a row: B, or else the first layer, and the difference."""
+    """Names of the payloads shown in a row: B, or else the first layer, and the difference."""
     by_key = {layer["key"]: layer["thumbnail"] for layer in item["layers"]}
     first = by_key.get(B) or next(filter(None, by_key.values()), "")
     return [*filter(None, (first, by_key.get(DIFFERENCE, "")))]
 
 
 def length(data: bytes) -> int:
-    """The length of data in characters of base64."""
+    """The number of characters of data in base64."""
     return -(-len(data) // 3) * 4
 
 
 def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
-    """The items, without the payloads for which the room, in characters, is too small."""
+    """The items, without those payloads that do not fit into `room` characters."""
     room -= sum(map(text_room, items))
     thumbnails = [sum(length(layer.thumbnail) for layer in item.layers) for item in items]
     values = [
@@ -150,7 +154,10 @@ def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
 
 
 def _fitting(costs: Sequence[int], room: int) -> tuple[set[int], int]:
-    """The indices of the costs that fit, also after one too large; and the room left."""
+    """The indices of the costs that fit, one after another; then the room that is left.
+
+    A cost that is too large is skipped, and later ones may fit.
+    """
     fitting = set[int]()
     for number, cost in enumerate(costs):
         if cost <= room:
@@ -160,7 +167,7 @@ def _fitting(costs: Sequence[int], room: int) -> tuple[set[int], int]:
 
 
 def _kept(layers: Sequence[Layer], *, thumbnail: bool, values: bool) -> list[Layer]:
-    """The layers with a payload to show."""
+    """The layers with their thumbnails or values, if these are kept; without both, none."""
     kept = (
         replace(
             layer,
@@ -173,7 +180,7 @@ def _kept(layers: Sequence[Layer], *, thumbnail: bool, values: bool) -> list[Lay
 
 
 def text_room(item: Item) -> int:
-    """Characters of the texts of an item, with name and words counted twice."""
+    """The number of characters that the texts of an item take; name and words occur twice."""
     texts = [*(text for pair in (*item.facts, *item.commands) for text in pair)]
     return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
 
@@ -181,7 +188,10 @@ def text_room(item: Item) -> int:
 def write_page(
     path: Path, name: str, *, data: Mapping[str, Any], payloads: dict[str, str], **values: Any
 ) -> None:
-    """Write the page of a template, whole or not at all; `data`: items and fields of the page."""
+    """Write the page of the template `name`, whole or not at all.
+
+    `data`: what the script of the page gets. `values`: what the template gets.
+    """
     import jinja2
 
     folder = files("defocus_core.reports.html") / "templates"

@@ -27,7 +27,10 @@ SIGNED_COLORS = (NEAR, IN_FOCUS, FAR)
 
 
 def of_light(planes: Sequence[NDArray[Any]], gamma: float | None) -> bytes:
-    """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
+    """A JPEG of one or three channels [H, W] in sRGB; NaN and Inf are magenta.
+
+    `gamma`: the encoding of the values: 1 for linear light, None for sRGB, else a power.
+    """
     small = [_reduced(_light(plane, gamma)[:, :, None]) for plane in planes]
     values = np.concatenate(small * (3 // len(small)), axis=2)
     bad = ~np.isfinite(values).all(axis=2)
@@ -56,7 +59,10 @@ def of_map(plane: NDArray[Any], value_range: tuple[float, float]) -> bytes:
 
 
 def of_difference(greatest: NDArray[Any], full: float) -> bytes:
-    """A JPEG of the worst difference [H, W] of each block in heat colours; NaN and Inf magenta."""
+    """A JPEG of the worst difference in each block, in heat colours; NaN and Inf are magenta.
+
+    `full`: the difference at the hottest colour.
+    """
     with np.errstate(all="ignore"):
         share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
     worst, block = share, _block(share.shape)
@@ -85,12 +91,12 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
 
 
 def _block(shape: tuple[int, ...]) -> int:
-    """The side in px of blocks that become a pixel, so that no thumbnail exceeds `SIDE`."""
+    """The side in px of blocks that become a pixel, so that a thumbnail is at most `SIDE` wide."""
     return -(-max(shape[:2]) // SIDE)
 
 
 def _reduced(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Means of blocks of [H, W, C]."""
+    """Means [h, w, C] of blocks of values [H, W, C]."""
     height, width = (-(-n // _block(values.shape)) for n in values.shape[:2])
     return resized(values, (height, width))
 
@@ -110,7 +116,7 @@ def _jpeg(samples: NDArray[np.uint8]) -> bytes:
 
 
 def encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None = None) -> bytes:
-    """The file of samples [H, W, C]."""
+    """The bytes of an image file with samples [H, W, C]."""
     with tempfile.TemporaryFile() as file:
         encode(Path(f"thumbnail.{codec}"), file, samples, codec, settings or {})
         return file.read()
