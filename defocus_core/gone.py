@@ -1,7 +1,7 @@
 """Removed options, values, keys of files, commands and Python names, and their replacements.
 
 To remove a name, add a row below the version that removes it; nothing else is needed, as every
-error of an unknown name looks here first. It then ends in ``it went with 0.2.0: INSTEAD``, an
+error of an unknown name looks here first. It then ends in ``it was removed in 0.2.0: INSTEAD``, an
 imperative without a full stop, which names options in angle quotes. The kinds of rows:
 
 - ``option``: of the command line, without dashes; ``of`` is the command that lost it, if others
@@ -152,7 +152,7 @@ def remedy(kind: str, name: object, of: str = "", otherwise: str = "") -> str:
     for version, rows in GONE.items():
         for row in rows:
             if (row.kind, row.name) == (kind, name) and row.of in ("", of):
-                return f"it went with {version}: {row.instead}"
+                return f"it was removed in {version}: {row.instead}"
     return otherwise
 
 

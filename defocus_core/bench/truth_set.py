@@ -62,7 +62,7 @@ def find_shots(root: Path) -> list[TruthShot]:
     """All shots of a set, by name of the scene."""
     shots = [shot for camera in sorted(root.glob("*/camera.json")) for shot in _shots(camera)]
     if not shots:
-        problem, remedy = "holds no <scene>/camera.json with shots", "name one of scenes"
+        problem, remedy = "holds no <scene>/camera.json with shots", "name a directory of scenes"
         raise InputError("empty", problem, remedy, path=root)
     return shots
 

@@ -143,7 +143,7 @@ def frames_of(shape: tuple[int, ...]) -> int:
 def wrong_shape(path: Path, shape: tuple[int, ...]) -> InputError:
     """The error for an array that is no map."""
     problem = f"has {times(shape)} numbers, not height × width"
-    remedy = "save one map a file, or say its ‹depth-format›"
+    remedy = "save one map in each file, or give ‹depth-format›"
     return InputError("wrong-shape", problem, remedy, path=path)
 
 

@@ -59,7 +59,7 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
     if not os.access(folder, needed):
         remedy = "check its permissions, or use a narrower pattern"
-        raise InputError("unreadable", "cannot be looked into", remedy, path=folder)
+        raise InputError("unreadable", "cannot be opened", remedy, path=folder)
     if part == "**":
         yield from _walk(folder, rest)
     for path, pieces, is_folder in _entries(folder, part, last=not rest):
@@ -118,6 +118,6 @@ def _refuse_circle(folder: Path) -> None:
         return
     real = folder.parent.resolve()
     if folder.resolve() in {real, *real.parents, *(above.resolve() for above in folder.parents)}:
-        problem = "is a symbolic link to a folder that it is in"
+        problem = "is a symbolic link to a folder that contains it"
         remedy = "remove it, or use a narrower pattern"
         raise InputError("circular-link", problem, remedy, path=folder)

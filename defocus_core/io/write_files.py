@@ -308,7 +308,7 @@ def require_replaceable(
         return
     if not kind:
         remedy = "name another output, or add ‹overwrite›"
-        raise InputError("exists", "is there already", remedy, path=path)
+        raise InputError("exists", "exists already", remedy, path=path)
     try:
         with open_plain(path) as file:
             head = file.read(_HEAD)

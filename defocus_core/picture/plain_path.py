@@ -245,7 +245,7 @@ def _doubts(take: Take, stats: Mapping[str, float]) -> Iterator[str]:
         yield f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"
     if (fraction := stats.get("pixels_clamped", 0) / stats["pixels"]) >= _MANY_CLAMPED:
         why = "detail as fine as a pixel overshoots in half a lens"
-        yield f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"
+        yield f"left, right: below 0, and set to 0, in {100 * fraction:.0f} % of the pixels: {why}"
 
 
 def _of_all(

@@ -180,9 +180,9 @@ def _refuse_infinite(
     if (finite := np.isfinite(radius)).all():
         return
     if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
-        problem = f"has a depth of {nearest:.3g} m, which is blurred beyond all numbers"
+        problem = f"has a depth of {nearest:.3g} m, whose blur is infinite"
         raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=path)
-    problem = f"f/{fnum:g} blurs beyond all numbers in this picture"
+    problem = f"f/{fnum:g} makes the blur of this picture infinite"
     remedy = "check the lens options and the depth's unit"
     raise UsageProblem("out-of-range", problem, remedy, field="fnumber")
 
@@ -200,8 +200,10 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
         nearest, _ = depth.ends or (0.0, 0.0)
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-least:.2g} px"
     elif not depth.is_radius and not greatest <= _FARTHEST_PX:
-        problem = f"is blurred by {greatest:.2g} px: focus is hardly beyond the focal length"
-        raise InputError("out-of-range", problem, "give ‹focus› in the scene", path=depth.path)
+        problem = (
+            f"is blurred by {greatest:.2g} px: the focus is hardly farther than the focal length"
+        )
+        raise InputError("out-of-range", problem, "focus farther away", path=depth.path)
     else:
         return least, greatest
     raise InputError("too-blurred", problem, remedy, path=depth.path)
@@ -233,7 +235,7 @@ def of_near_end(depth: Depth) -> Iterator[str]:
 
     if white_is_near(depth) < _BLACK_IS_NEAR:
         why = "by the bottom and the middle of the picture black is near"
-        yield f"{depth.path.name}: {why}, but white is taken as near; say ‹invert›, or ‹no-invert›"
+        yield f"{depth.path.name}: {why}, but white is taken as near; give ‹invert›, or ‹no-invert›"
 
 
 def of_radii(
@@ -305,16 +307,16 @@ def of_file(depth: Depth, *, declared: bool) -> Iterator[str]:
     path, channel = depth.path, depth.channel.lower()
     if path.suffix.lower() == ".pfm" and (path.parent / "calib.txt").is_file():
         problem = "calib.txt beside it tells of disparity, but depth is taken as metres"
-        yield f"{path}: {problem}; say ‹depth-format› middlebury, or metres"
+        yield f"{path}: {problem}; give ‹depth-format› middlebury, or metres"
     if any(word in channel for word in _UNREAL):
         problem = f"channel {depth.channel} is one that Unreal writes in centimetres"
-        yield f"{path}: {problem}, but depth is taken as metres; say ‹depth-format› unreal-mrq"
+        yield f"{path}: {problem}, but depth is taken as metres; give ‹depth-format› unreal-mrq"
     if "mist" in channel:
         problem = f"channel {depth.channel} is a fog of 0 to 1 by distance, and no depth"
-        yield f"{path}: {problem}; render the pass Z, and say ‹depth-channel›"
+        yield f"{path}: {problem}; render the pass Z, and give ‹depth-channel›"
     if "vrayzdepth" in channel and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"channel {depth.channel} lies within 0 and 1, as V-Ray maps black to white"
-        yield f"{path}: {problem}; say ‹depth-format› vray-zdepth with its ‹depth-range›"
+        yield f"{path}: {problem}; give ‹depth-format› vray-zdepth with its ‹depth-range›"
     if channel == _HYPERSIM and path.suffix.lower() in (".hdf5", ".h5"):
         problem = "array dataset is that of Hypersim, whose numbers are distances to the point"
-        yield f"{path}: {problem}; say ‹depth-format› hypersim, or metres"
+        yield f"{path}: {problem}; give ‹depth-format› hypersim, or metres"

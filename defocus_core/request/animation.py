@@ -177,7 +177,7 @@ def _of_csv(file: Path) -> Iterator[_Key]:
         frame = _frame_of(values.pop("frame", ""), place)
         if {"x", "y"} & values.keys():
             if "focus-at" in values:
-                problem, where = "stands beside x and y", place.with_field("focus-at")
+                problem, where = "contradicts the columns x and y", place.with_field("focus-at")
                 raise InputError("contradiction", problem, "leave one of them out", path=where)
             values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
         for name, text in values.items():

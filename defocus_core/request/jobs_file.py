@@ -211,7 +211,7 @@ def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
     if "color" not in paths:
         if options or carried:
             place = next((each.place for each in options.values()), table.place("carry"))
-            raise UsageProblem("missing-option", "stands without color", "add color", path=place)
+            raise UsageProblem("missing-option", "needs color", "add color", path=place)
         return [], []
     found = find(
         paths["color"],

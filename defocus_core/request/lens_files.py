@@ -45,9 +45,9 @@ def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
         return stored
     if in_pixels:
         if optics := [name for name in stored if name not in BESIDE_BLUR]:
-            problem = f"{file.name} decides radii by {', '.join(optics)}, and so does blur"
+            problem = f"{file.name} has {', '.join(optics)}, which a blur in pixels replaces"
             opening = " ".join(f"‹{n}› {stored[n].text}" for n in OPENING if n in stored)
-            remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
+            remedy = f"leave it out; for its aperture give {opening}" if opening else "leave it out"
             raise UsageProblem("contradiction", problem, remedy, path=where)
     elif radii and (idle := [name for name in stored if LENS_OPTIONS[name].is_optics]):
         note(f"defocus: {file}: {', '.join(idle)} left out: the depth files hold the radii")

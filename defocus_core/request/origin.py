@@ -76,7 +76,7 @@ def keep(out: Path, source: JobsSource) -> bool:
     is_ours = isinstance(tables, dict) and "inputs" in tables
     if before is not None and not before.startswith(_MARK) and not is_ours:
         if source.path is None or source.path.resolve() != (out / KEPT).resolve():
-            note(f"{out / name}: is not of this batch, and stays; what was asked for is not kept")
+            note(f"{out / name}: was not written by this batch and is kept; no jobs file is copied")
     elif before != data:
         with written_whole(out / name, out) as file:
             file.write(data)

@@ -94,11 +94,11 @@ def find(
     paths = [path for path in every if path is not None]
     if any(is_pattern((patterns_in or Path()) / path) for path in paths):
         if labels:
-            problem = "is not carried with the frames of a shot"
+            problem = "is not supported for the frames of a shot"
             raise UsageProblem("idle-option", problem, "leave it out", field="carry")
         return _shot(color, depth, others, patterns_in or Path(), frames)
     if frames.numbers is not None:
-        problem = "chooses frames, but no path numbers them"
+        problem = "chooses frames, but no path is a pattern of frames"
         remedy = "give patterns like 'shot.####.exr'"
         raise UsageProblem("idle-option", problem, remedy, path=frames.source)
     names = [_NUMBER.sub("#", path.name) for path in (color, depth or color)]
@@ -132,8 +132,8 @@ def find(
             with_label = (*picture.carried, (role, files.by_name[name]))
             pictures[name] = replace(picture, carried=with_label)
     if not pictures:
-        problem = "names no picture of which all files are there"
-        raise InputError("empty", problem, "name its files alike", path=colors.path)
+        problem = "has no picture with all of its files"
+        raise InputError("empty", problem, "give its files the same names", path=colors.path)
     return list(pictures.values()), []
 
 
@@ -157,7 +157,7 @@ def others_of(paths: Mapping[str, Path], where: Place) -> Others:
             other = f"‹{role}›" if where.path is None else INPUT_OPTIONS[role].key
             raise UsageProblem(
                 "missing-option",
-                f"stands without {other}",
+                f"needs {other}",
                 "add that",
                 path=where.with_field(f"{role}-depth"),
             )
@@ -181,7 +181,7 @@ def _shot(
         paths[f"{role}_depth"] = root / (other_depth or other_color)
     for path in paths.values():
         if not is_pattern(path):
-            problem = "numbers no frames, unlike another path"
+            problem = "is no pattern of frames, but another path is"
             remedy = "give patterns like 'shot.####.exr' for all of them"
             raise InputError("missing-frames", problem, remedy, path=path)
     files = {role: frames_of(path) for role, path in paths.items()}
@@ -238,7 +238,9 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
         path = path if root is None else root / path
         if not path.is_dir():
             if not path.exists() and has_wildcard(path):
-                problem = "matches nothing: patterns are of jobs files, and else of the shell"
+                problem = (
+                    "matches nothing: such patterns are expanded by the shell, or in jobs files"
+                )
                 remedy = "leave out the quotes, or write a jobs file"
                 raise InputError("not-found", problem, remedy, path=path)
             if not path.exists():

@@ -86,7 +86,7 @@ class PictureLenses:
             if layer[name].place.field.startswith(LISTED)
         }
         for name in sorted(listed):
-            note(f"{self.own[name].place}: gives way to the lenses of [sweep] that set it")
+            note(f"{self.own[name].place}: has no effect on lenses of [sweep] that set it")
         refuse_repeated({k: v for k, v in self.own.items() if k not in listed}, self.places)
         if self.metadata:
             asked = {METADATA: Given(True, "", self.where.with_field(METADATA))}

@@ -248,7 +248,7 @@ def blades(text: str) -> int:
     """Parse the number of aperture blades: 0 for a round aperture, else 3 or more."""
     count = _blades(text)
     if count in (1, 2):
-        raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
+        raise QuantityError(f"{count} blades make no aperture", "give 0 (round) or 3 and more")
     return count
 
 

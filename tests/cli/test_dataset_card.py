@@ -110,7 +110,7 @@ def test_a_readme_of_somebody_elses_stays(folder):
     assert readme.read_text().startswith("---\n# Written by defocus; without")
     readme.write_text("---\nlicense: mit\n---\n")
     ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
-    assert f"{readme}: is not of this batch, and stays" in ran.err
+    assert f"{readme}: was not written by a batch and is kept" in ran.err
     assert "mit" in readme.read_text()
 
 

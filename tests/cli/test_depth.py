@@ -92,7 +92,7 @@ def test_the_preview_is_brightest_where_it_is_nearest(tmp_path):
 def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path):
     color = color_exr(tmp_path / "a.exr")
     path = png(tmp_path / "z.png", np.round(ramp() * 1000))
-    words = "z.png: 16 bits read as millimetres; say --depth-unit or --depth-format"
+    words = "z.png: 16 bits read as millimetres; give --depth-unit or --depth-format"
     assert words in render(color, path, "-o", tmp_path / "o").err
     assert words not in render(color, path, "-o", tmp_path / "p", "--depth-unit", "mm").err
     assert words in run("depth", path, "-o", tmp_path / "z.exr").err

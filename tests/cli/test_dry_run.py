@@ -60,7 +60,7 @@ def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path):
     first, second, last = ran.err.splitlines()[-3:]
     assert "1.exr: " in first
     assert "2.exr: " in second
-    assert "2 of 4 that were looked at would fail" in last
+    assert "2 of 4 whose inputs were opened would fail" in last
     told = render(color.parent, depth.parent, "-o", tmp_path / "out", "--dry-run", "--json")
     assert told.json["unusable"] == 2
 

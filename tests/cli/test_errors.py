@@ -109,8 +109,8 @@ R --lens underscored.toml → \
 R --lens misspelt.toml → \
 2 unknown-name misspelt.toml: unknown key 'focal-lenght'; did you mean focal-length?
 B match.toml → \
-2 unknown-name match.toml: [sample]: unknown key 'match'; it went with 0.2.0: …
-retry out → 2 unknown-name retry: no such command; it went with 0.2.0: …
+2 unknown-name match.toml: [sample]: unknown key 'match'; it was removed in 0.2.0: …
+retry out → 2 unknown-name retry: no such command; it was removed in 0.2.0: …
 B sweep.toml → 2 unknown-name sweep.toml: [sweep]: unknown key 'fnumbr'; did you mean fnumber?
 rendr → 2 unknown-name rendr: no such command; did you mean render?
 bokeh → 2 unknown-name bokeh: no such command; see 'defocus --help'
@@ -118,7 +118,7 @@ help lenses → 2 unknown-name lenses: no such topic; topics are conventions, lo
 R --focus 2 → 2 malformed --focus: '2' has no unit; write it with a unit, like 2m or 50mm
 R --fnumber 0 → 2 malformed --fnumber: '0' is not positive and finite; give one that is, like 1.4
 R --outputs coc,rendr → 2 unknown-name --outputs: 'rendr' is not known; did you mean render?
-R --blades 2 → 2 malformed --blades: 2 blades make no opening; give 0 (round) or 3 and more
+R --blades 2 → 2 malformed --blades: 2 blades make no aperture; give 0 (round) or 3 and more
 R --obstruction 2 → \
 2 malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 0.4
 R --noise 1000 → \
@@ -145,7 +145,7 @@ B none.toml → \
 render lost z.exr -o out LENS → \
 3 not-found lost: is a symbolic link that leads to nothing; make the link anew, or name another path
 B self.toml → \
-3 circular-link link/self: is a symbolic link to a folder that it is in; remove it, or use a \
+3 circular-link link/self: is a symbolic link to a folder that contains it; remove it, or use a \
 narrower pattern
 info link → 3 wrong-type link: is a directory, not an image; name a file in it
 render rgb.exr z.exr -o out.png LENS --outputs coc → \
@@ -154,10 +154,11 @@ compare link rgb.exr → \
 3 wrong-type link: is a directory but rgb.exr is a file; name two files, or two directories
 status link → 3 empty link: has no journal; name the directory that a batch writes to
 merge link → 3 empty link: …
-bench --truth link → 3 empty link: holds no <scene>/camera.json with shots; name one of scenes
+bench --truth link → \
+3 empty link: holds no <scene>/camera.json with shots; name a directory of scenes
 R --lens '' → 2 empty --lens: is empty; give a path
 render rgb.exr rgb.exr -o out LENS → \
-3 no-depth rgb.exr: has no depth channel, only R, G, B; if one of them is the depth, say \
+3 no-depth rgb.exr: has no depth channel, only R, G, B; if one of them is the depth, give \
 --depth-channel NAME
 render deep.exr z.exr -o out LENS → \
 3 no-color deep.exr: has no colour channels (R, G, B or Y), only Z; name a file that has them
@@ -175,23 +176,23 @@ info z.exr --depth-channel W → \
 R --view left → 3 no-such-view rgb.exr: has no views, and so no view left; leave --view out
 render rgb.exr double.exr -o out LENS → \
 3 wrong-size double.exr: is 48x32 px but its colour is 24x16 px; give depth of the size of the \
-colour, or say --resize-depth guided, or nearest
+colour, or give --resize-depth guided, or nearest
 render rgb.exr square.exr -o out LENS --resize-depth guided → \
 3 wrong-size square.exr: is 5x5 px but its colour is 24x16 px, of another aspect; give depth of \
 the view that the colour shows, all of it
 render rgb.exr holes.exr -o out LENS → \
 3 invalid-depth holes.exr: is NaN or ≤ 0 in 2 pixels, the first at 5,7; fill the holes, and write \
-inf for sky; or say --invalid far, or fill
+inf for sky; or give --invalid far, or fill
 render nan.exr z.exr -o out LENS → \
 3 not-finite nan.exr: is NaN or infinite in 1 pixel, the first at 4,3; render or save it again \
 with finite values
 render rgb.exr tiny.exr -o out LENS → \
 3 too-blurred tiny.exr: has a depth of 1e-18 m, which is blurred by 4.3e+17 px; check \
 --depth-unit and --focus
-info z.npy → 3 unknown-unit z.npy: holds uint16 numbers, whose unit is unknown; say --depth-unit mm
+info z.npy → 3 unknown-unit z.npy: holds uint16 numbers, whose unit is unknown; give --depth-unit mm
 render rgb.exr z8.png -o out LENS → \
 3 unknown-unit z8.png: has 8 bits, too few for depth and without a metric scale; save depth as \
-EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres; or say --depth-range NEAR FAR and \
+EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres; or give --depth-range NEAR FAR and \
 --depth-kind; \
 or take it as relative with --blur 20px --focus-at X,Y instead of a lens
 render rgb.exr smallcoc.exr -o out --depth-format coc --resize-depth nearest → \
@@ -206,14 +207,14 @@ depth z.exr -o depth.png → \
 compare rgb.exr rgb.exr --html page.png → \
 2 malformed page.png: is the name of a picture, not of a report; end its name in .html
 depth z.exr -o small.exr → \
-3 exists small.exr: is there already; name another output, or add --overwrite
+3 exists small.exr: exists already; name another output, or add --overwrite
 render rgb.exr z.exr -o done LENS --outputs coc → \
 3 exists done/coc/rgb.exr: exists already, and the journal does not know it; move it away, choose \
 another -o, or add --overwrite to render all again
 render rgb.exr z.exr -o rgb.exr LENS --overwrite → \
 3 replaces-input rgb.exr: is an input and would be overwritten; name another output
 render rgb.####.exr z.####.exr -o out LENS → \
-3 missing-frames z.####.exr: lacks 1 frame, 3; say --missing skip to leave them out, or name \
+3 missing-frames z.####.exr: lacks 1 frame, 3; give --missing skip to leave them out, or name \
 others with --frames
 B jobs.toml --shards-size 1GB --shard 1/2 → \
 2 whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
@@ -231,7 +232,7 @@ info → 2 - FILE...: is missing; see 'defocus info --help'
 render rgb.exr z.exr → 2 - --out: is missing; add -o OUT
 B jobs.toml --quality high → \
 2 - --quality: no such option; write quality below [machine] of the jobs file
-R --fnumber 1e-300 → 2 out-of-range --fnumber: f/1e-300 blurs beyond all numbers in this picture; …
+R --fnumber 1e-300 → 2 out-of-range --fnumber: f/1e-300 makes the blur of this picture infinite; …
 render rgb.exr near.exr -o out --focal-length 50mm --fnumber 2 --focus-at 0,0 → \
 2 out-of-range --focus-at: near.exr at 0,0: 10mm is not farther than the focal length 50mm; …
 render rgb.exr near.exr -o out --lens near.toml → \
@@ -259,7 +260,7 @@ render no*.png z.exr -o out LENS → 3 not-found no*.png: matches nothing: …
 R --animate semicolons.csv → \
 3 malformed semicolons.csv: line 1: has semicolons between its cells; write commas
 B semicolons.toml → 3 malformed semicolons.csv: line 1: has semicolons …
-R -q -v → 2 contradiction --quiet: stands beside -v; keep one
+R -q -v → 2 contradiction --quiet: contradicts -v; leave one of them out
 R -o text.txt → 3 wrong-type text.txt: is a file where a directory is needed; choose another -o
 R -o lost → 3 not-found lost: is a symbolic link that leads to nothing; …
 R -o x.gif → 2 wrong-type x.gif: is of a type that is not written; …

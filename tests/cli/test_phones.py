@@ -60,7 +60,7 @@ def test_depth_without_units_is_no_depth_in_metres(tmp_path):
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "5,5")
     ran = run("render", photo(tmp_path, **LINEAR), *lens, "-o", tmp_path / "out.jpg")
     refused(ran, 3, "unknown-unit")
-    assert "GDepth without Units, which is relative; say --blur" in ran.err
+    assert "GDepth without Units, which is relative; give --blur" in ran.err
     file = photo(tmp_path, **LINEAR, Units="m")
     succeed("render", file, *lens, "-o", tmp_path / "out.jpg")
 

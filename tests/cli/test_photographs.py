@@ -52,7 +52,7 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_p
         (folder / f"a{file.suffix}").write_bytes(file.read_bytes())
         (folder / f"b{file.suffix}").write_bytes(file.read_bytes())
     both = run("render", *folders, "-o", tmp_path / "all", *chosen)
-    assert both.err.count("black is near, but white is taken as near; say --invert") == 2
+    assert both.err.count("black is near, but white is taken as near; give --invert") == 2
     black = run("render", *files, "-o", tmp_path / "a.png", "--invert", "--blur", "9px")
     assert taken(black.err) == "--focus-at 59,59"
 

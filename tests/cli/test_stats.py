@@ -23,7 +23,7 @@ def test_pixels_of_left_and_right_that_were_negative_are_counted(tmp_path):
     share = round(100 * stats["pixels_clamped"] / (W * H))
     assert 2 < share < 90
     said = (tmp_path / "out" / "journal.jsonl").read_text()
-    assert f"left, right: below 0 in {share} % of the pixels, and made 0" in said
+    assert f"left, right: below 0, and set to 0, in {share} % of the pixels" in said
     stats = rendered(tmp_path, ramp(W, H), pixels=dots)
     assert "pixels_clamped" not in stats, "there are no halves"
 

@@ -20,7 +20,7 @@ def rows(kind):
     """The rows of a kind, each with the end of its error."""
     for row, since in ROWS:
         if row.kind == kind:
-            yield row, f"it went with {since}: {row.instead}"
+            yield row, f"it was removed in {since}: {row.instead}"
 
 
 def fails(words, *args):

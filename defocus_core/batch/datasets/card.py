@@ -47,7 +47,7 @@ def write(
         The path of the README.md; empty if it was not written.
     """
     if not is_free(out, README, lambda file: file.read(len(_OWN)) == _OWN.encode()):
-        note(f"{out / README}: is not of this batch, and stays; no card is written for people")
+        note(f"{out / README}: was not written by a batch and is kept; no other is written")
         return []
     title = one_line(origin.title or "Defocused pictures")
     size = next((words for maximum, words in _SIZES if count < maximum), "n>1M")

@@ -82,7 +82,7 @@ class SampleList:
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:
                 problem = "was written again since its samples were listed"
-                raise InputError("changed", problem, "make it anew", path=self._out / NAME)
+                raise InputError("changed", problem, "read the list again", path=self._out / NAME)
             lines.seek(offset)
             return _sample(self._out, lines.readline(), f"byte {offset}")
 

@@ -64,7 +64,7 @@ def _filled_along_rows(
 
 
 # What to do about invalid pixels: of most files, and of samples, behind which others may lie.
-_FILL = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+_FILL = "fill the holes, and write inf for sky; or give ‹invalid› far, or fill"
 _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 
 
@@ -163,7 +163,7 @@ def depth_of(
             from defocus_core.io.depth_formats.file_types import refuse_assumed
 
             refuse_assumed(path, values)
-        told.append(f"16 bits read as {row.words}; say ‹depth-unit› or ‹depth-format›")
+        told.append(f"16 bits read as {row.words}; give ‹depth-unit› or ‹depth-format›")
     if reading.sky is not None and not is_sky(values, row).any():
         told.append(f"‹sky› {reading.sky:g} marks no pixel")
     if reading.invalid_value is not None and not (values == reading.invalid_value).any():
@@ -173,7 +173,7 @@ def depth_of(
         row = replace(row, invalid=(*row.invalid, samples.top))
         told.append(
             f"{hole}, the greatest number of its type and far from all others, is taken as no "
-            f"depth; say ‹invalid-value› {hole} or ‹sky› {hole}"
+            f"depth; give ‹invalid-value› {hole} or ‹sky› {hole}"
         )
     half_sky = samples.is_half and row.sky <= HALF_MAX and bool((values == HALF_MAX).any())
     metres = decoded(values, row, overscan)
@@ -196,7 +196,7 @@ def depth_of(
     is_of_nuke = any(name.startswith(OF_NUKE) for name in samples.metadata)
     if is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
-        told.append(f"{problem}; say ‹depth-format› nuke-scanline, or metres")
+        told.append(f"{problem}; give ‹depth-format› nuke-scanline, or metres")
     depth = replace(depth, warnings=tuple(f"{path.name}: {words}" for words in told))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
@@ -220,22 +220,22 @@ def require_valid(depth: Depth) -> None:
 
 def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat) -> str:
     if samples.is_integer and (reading.depth_format or reading.depth_unit):
-        return "say ‹invalid› far if they are sky, or fill if they are holes"
+        return "give ‹invalid› far if they are sky, or fill if they are holes"
     if samples.is_integer:
         zero = "since 0 is a hole for some and sky for others"
-        return f"say ‹depth-format›, {zero}; or ‹invalid› far, or fill"
+        return f"give ‹depth-format›, {zero}; or ‹invalid› far, or fill"
     if samples.data_window:
-        return "render the whole display window, or give the colour alpha; or say ‹invalid› far"
+        return "render the whole display window, or give the colour alpha; or give ‹invalid› far"
     if samples.is_deep:
         return _OF_SAMPLES
     if reading.relative:
-        return "fill the holes; or say ‹invalid› far, or fill"
+        return "fill the holes; or give ‹invalid› far, or fill"
     return "write a finite radius there" if row.rule == "radius" else _FILL
 
 
 _BEHIND = (
     "has negative depth everywhere",
-    "give ‹depth-scale› the other sign than now, or say ‹depth-format› houdini",
+    "give ‹depth-scale› the other sign than now, or give ‹depth-format› houdini",
 )
 
 

@@ -54,7 +54,7 @@ def exr_depth_numbers(
     pixels, *others = (parts[header.index].channels[n] for n in chosen.channels.values())
     if not all(np.array_equal(pixels, one) for one in others):
         problem = f"has no depth channel, only {in_words([*chosen.channels])}"
-        remedy = "if one of them is the depth, say ‹depth-channel› NAME"
+        remedy = "if one of them is the depth, give ‹depth-channel› NAME"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
@@ -116,7 +116,7 @@ def choose_depth_channel(
             for name, c in zip(labels(every), every, strict=True)
             if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower()) and not _is_of_vector(c)
         )
-        remedy = f"if one of them is the depth, say ‹depth-channel› {quoted(next(likely, 'NAME'))}"
+        remedy = f"if one of them is the depth, give ‹depth-channel› {quoted(next(likely, 'NAME'))}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return only_one(path, candidates, "depth channel", "‹depth-channel›")
 

@@ -72,7 +72,7 @@ def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Si
     """The numbers of the depth image in a photograph; relative depth becomes 1 / z."""
     if not reading.relative and photo.type == "GDepth" and "Units" not in photo.metadata:
         problem = "has GDepth without Units, which is relative"
-        remedy = "say ‹blur› 20px ‹focus-at› X,Y instead of a lens"
+        remedy = "give ‹blur› 20px ‹focus-at› X,Y instead of a lens"
         raise InputError("unknown-unit", problem, remedy, path=path)
     require_size(path, reading, photo.values.shape, size)
     if not reading.relative:
@@ -193,7 +193,7 @@ def _refuse_unsuited(path: Path, page: raster.Raster, reading: DepthReading) -> 
         return
     if page.type == "uint8":
         problem = "has 8 bits, too few for depth and without a metric scale"
-        remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›; "
+        remedy = f"save depth as {WANTED}; or give ‹depth-range› NEAR FAR and ‹depth-kind›; "
         remedy += "or take it as relative with ‹blur› 20px ‹focus-at› X,Y instead of a lens"
         raise InputError("unknown-unit", problem, remedy, path=path)
     if page.channels[0] in NO_DEPTH:
@@ -228,10 +228,10 @@ def refuse_assumed(path: Path, values: NDArray[np.uint16]) -> None:
     for name, sign in _SIGNS.items():
         if found := re.search(sign, place):
             problem = f"has 16 bits that may be {name}, not millimetres: its path has '{found[0]}'"
-            remedy = f"say ‹depth-format› {name}, or ‹depth-unit› mm"
+            remedy = f"give ‹depth-format› {name}, or ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=path)
     if (values == 0).any() and (values == _TOP).any():
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
-        remedy = "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or "
+        remedy = "give ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or "
         remedy += "‹depth-format›"
         raise InputError("unknown-unit", problem, remedy, path=path)

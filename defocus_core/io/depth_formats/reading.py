@@ -105,7 +105,7 @@ class DepthReading:
         for name in _OF_METRES:
             is_layout = name == "depth_format" and self.row.is_right_half
             if getattr(self, name) is not None and not is_layout:
-                problem = "stands beside ‹blur›, which takes the numbers as relative disparity"
+                problem = "contradicts ‹blur›, which reads the numbers as relative disparity"
                 field = self.geometry if name == "geometry" else name.replace("_", "-")
                 remedy = "leave one of them out"
                 raise UsageProblem("contradiction", problem, remedy, field=field or "")
@@ -157,7 +157,7 @@ def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> Inp
     """The error for depth (rows, columns) of another size than its colour."""
     rows, columns = shape
     problem = f"is {columns}x{rows} px but its colour is {size[0]}x{size[1]} px"
-    remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
+    remedy = "give depth of the size of the colour, or give ‹resize-depth› guided, or nearest"
     if stretched((columns, rows), size) is None:
         problem = f"{problem}, of another aspect"
         remedy = "give depth of the view that the colour shows, all of it"

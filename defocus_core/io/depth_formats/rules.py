@@ -115,13 +115,13 @@ def _refuse_idle(reading: DepthReading, row: DepthFormat) -> None:
         raise UsageProblem("idle-option", f"has no effect on {what}", "leave it out", field=idle[0])
     other = set(said) & {"depth-unit", "depth-scale", "baseline", "doffs"}
     if reading.depth_range is not None and other:
-        problem, field = "stands beside ‹depth-range›", min(other, key=said.index)
+        problem, field = "contradicts ‹depth-range›", min(other, key=said.index)
         raise UsageProblem("contradiction", problem, "give one of them", field=field)
 
 
 def _ask(reading: DepthReading, row: DepthFormat, option: str, value: str) -> NoReturn:
     """Raise the UsageProblem that asks for an option that the format needs."""
-    problem = f"leaves ‹{option}› open" + (f": {row.note}" if row.note else "")
+    problem = f"needs ‹{option}›" + (f": {row.note}" if row.note else "")
     raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **reading.asked_by)
 
 
@@ -134,8 +134,8 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
         raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
     holds = RULES[row.rule].holds
     if (math.inf if holds == "depth" else 0.0) in (near, far):
-        which = "inf, between which and a distance depth" if holds == "depth" else "0, whose 1/z"
-        problem = f"ends at {which} cannot be linear"
+        which = "inf, but depth" if holds == "depth" else "0, but 1/z"
+        problem = f"has the end {which} is linear between finite ends"
         raise UsageProblem("out-of-range", problem, "give another distance", field="depth-range")
     ends = shown = near, far
     if holds != "depth":
@@ -156,7 +156,7 @@ def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]
     if is_of_network and minimum >= 0 and maximum > 1 + 1e-3:
         return maximum, ", the greatest of the file,"
     if minimum < -1e-3 or maximum > 1 + 1e-3:
-        problem = f"has floats from {minimum:.4g} to {maximum:.4g}, and ‹depth-range› is of 0 and 1"
+        problem = f"has floats from {minimum:.4g} to {maximum:.4g}, and ‹depth-range› takes 0 to 1"
         remedy = "give ‹depth-scale› and ‹doffs› instead"
         raise InputError("out-of-range", problem, remedy, path=samples.path)
     return 1.0, ""
@@ -177,7 +177,7 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
                 numbers = f"has {samples.channel} in whole numbers"
             remedy = "‹depth-format› apple-heic" if samples.type == "HEIC" else "‹depth-unit› mm"
             problem = f"{numbers}, whose unit is unknown"
-            raise InputError("unknown-unit", problem, f"say {remedy}", path=samples.path)
+            raise InputError("unknown-unit", problem, f"give {remedy}", path=samples.path)
     scale = row.scale * UNITS[unit or "m"]
     words = [UNIT_WORDS[unit] if unit else ""]
     if reading.depth_scale is not None:
@@ -202,7 +202,7 @@ def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) 
         source = f" by {row.words}" if row.words else ""
         words = f"{row.name}, {focal:.6g} px ({across}) × {baseline:.6g} m{source}"
         if not _FLOATS[0] <= focal * baseline <= _FLOATS[1]:
-            problem = f"makes with {focal:.3g} px of focal length no depth that a float holds"
+            problem = f"makes with {focal:.3g} px of focal length depths beyond all floats"
             raise UsageProblem("out-of-range", problem, "check both", field="baseline")
         scale, doffs = scale / (focal * baseline), doffs / (focal * baseline)
         return replace(row, scale=scale, shift=doffs, words=words)
@@ -215,7 +215,7 @@ def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) 
     remedy = f"add {' and '.join(_CALIBRATION[name] for name in missing)}"
     if row.name == "disparity":
         remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
-    raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **reading.asked_by)
+    raise UsageProblem("missing-option", f"needs {names}{why}", remedy, **reading.asked_by)
 
 
 def _per_metre(reading: DepthReading, row: DepthFormat, _: DepthNumbers) -> DepthFormat:
@@ -228,7 +228,9 @@ def _focal(
 ) -> float | None:
     """Focal length in px, if the depth map holds distances to the point; None if it is planar."""
     if row.geometry == "ask":
-        problem = "leaves open whether the numbers are depth or the distance to the point"
+        problem = (
+            "does not tell whether the numbers are depth along the axis or distances to the point"
+        )
         problem += f" ({row.note})" if row.note else ""
         remedy = "add ‹planar› or ‹radial›"
         raise UsageProblem("missing-option", problem, remedy, **reading.asked_by)
@@ -236,7 +238,7 @@ def _focal(
         return None
     if reading.fov is not None and reading.focal_px is not None:
         remedy = "give one of them"
-        raise UsageProblem("contradiction", "stands beside ‹focal-px›", remedy, field="fov")
+        raise UsageProblem("contradiction", "contradicts ‹focal-px›", remedy, field="fov")
     if reading.focal_px is not None:
         return reading.focal_px
     if reading.fov is not None:
@@ -246,7 +248,7 @@ def _focal(
     if lens_focal is not None:
         return lens_focal * samples.width
     by = {"field": "radial"} if reading.geometry else reading.asked_by
-    problem = "is the distance to the point, and nothing says the field of view"
+    problem = "holds distances to the point, and the field of view is unknown"
     raise UsageProblem("missing-option", problem, "add ‹fov› 60deg or ‹focal-px› PX", **by)
 
 

@@ -35,7 +35,7 @@ def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
         read, _ = _SIDECARS[row.sidecar]
         return replace(row, **read(place, samples))
     except (OSError, *MALFORMED) as error:  # another content
-        problem = f"does not say what {row.sidecar} of {samples.path.name} should ({reason(error)})"
+        problem = f"lacks what {samples.path.name} needs of it ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
 
 

@@ -118,7 +118,7 @@ def chosen(
     if choice.missing == "error":
         path, lost = next(iter(lacking.items()))
         others = "".join(f", {other} {in_words(n)}" for other, n in [*lacking.items()][1:])
-        remedy = "say ‹missing› skip to leave them out, or name others with ‹frames›"
+        remedy = "give ‹missing› skip to leave them out, or name others with ‹frames›"
         raise InputError("missing-frames", f"lacks {in_words(lost)}{others}", remedy, path=path)
     kept = tuple(number for number in wanted if all(number in of for of in patterns.values()))
     if not kept:
@@ -141,7 +141,7 @@ def expected(numbers: Iterable[int]) -> tuple[int, ...]:
     step = max(sorted(count), key=lambda each: count[each])
     if (there[-1] - there[0]) // step > _MAX_FRAMES:
         problem = f"the numbers of the files go from {there[0]} to {there[-1]}"
-        remedy = "move strays away, or name the frames wanted, like 1-100"
+        remedy = "move away files that are no frames, or give the frames, like 1-100"
         raise UsageProblem("out-of-range", problem, remedy, field="frames")
     return tuple(sorted({*there, *range(there[0], there[-1], step)}))
 

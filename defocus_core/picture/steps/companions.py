@@ -49,7 +49,7 @@ def read_plate(take: Take) -> Take:
     picture, inputs = take.job.picture, take.inputs
     if picture.hidden is not None:
         remedy = "the plate is what lies behind"
-        raise UsageProblem("contradiction", "stands beside ‹over›", remedy, field="hidden")
+        raise UsageProblem("contradiction", "contradicts ‹over›", remedy, field="hidden")
     wanted = _wanted(InputPair.from_job(take.job))
     plate = _plate(replace(wanted, limit=inputs.color.overscan, whole=True))
     warnings = *inputs.warnings, *plate.depth.warnings, *_doubts(inputs.color, plate.color)
@@ -181,7 +181,7 @@ def read_matte(take: Take) -> Take:
     if picture.over is not None and picture.matte is None:
         return take
     if picture.over is not None:
-        problem = "stands beside ‹over›, whose element has its own alpha"
+        problem = "contradicts ‹over›, whose element has its own alpha"
         raise UsageProblem("contradiction", problem, "leave it out", field="matte")
     if not take.job.outputs.need_rendering:
         return take
@@ -190,7 +190,7 @@ def read_matte(take: Take) -> Take:
         values = _matte_values(path)
     elif (inside := matte_inside(path)) is not None:
         values = unit(inside)
-        note(f"defocus: {path}: the matte of a person inside it is used, or say ‹matte› FILE")
+        note(f"defocus: {path}: the matte of a person inside it is used, or give ‹matte› FILE")
     else:
         return take
     return take.reading(matte=_coverage(path, values, color.size, color.overscan))

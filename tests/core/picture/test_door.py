@@ -164,7 +164,7 @@ def test_no_file_is_replaced_unless_that_is_said(files, tmp_path):
     views = df.render(df.read(*files), df.Lens(**LENS))
     path = views.write(tmp_path / "out", "render")["render"]
     before = path.read_bytes()
-    with pytest.raises(df.InputError, match="is there already"):
+    with pytest.raises(df.InputError, match="exists already"):
         views.write(tmp_path / "out", "render")
     views.write(tmp_path / "out", "render", overwrite=True, exr_type="float")
     assert path.read_bytes() != before

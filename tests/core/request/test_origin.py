@@ -73,5 +73,5 @@ def test_a_file_of_others_stays(tmp_path, caplog):
     (tmp_path / "jobs.toml").write_text("mine")
     keep(tmp_path, JobsSource(tmp_path / "a.toml", (tmp_path / "a.toml").read_bytes()))
     assert (tmp_path / "jobs.toml").read_text() == "mine"
-    assert "not of this batch" in caplog.text
+    assert "was not written by this batch" in caplog.text
     assert origin_of(tmp_path) == Origin()

@@ -28,7 +28,7 @@ REFUSED = (
     (quantities.fnumber, ["0", "-1", "1.4mm", "bright", "nan"], "1.4"),
     (quantities.angle, ["361", "-1e300deg"], "give -360 to 360"),
     (quantities.angle, ["0.3rad", "x"], "15deg"),
-    (quantities.blades, ["1", "2"], "make no opening"),
+    (quantities.blades, ["1", "2"], "make no aperture"),
     (quantities.blades, ["6.5", "six", "-3"], "is not a whole number"),
     (quantities.scale, ["0", "1/0", "1e300/1e-300", "1e-300/1e300"], "is 0 or not finite"),
     (quantities.pixel, ["240", "1.5,2", "a,b", "1,2,3"], "is not a pixel"),

@@ -139,4 +139,4 @@ def test_a_lens_that_is_listed_wins_over_those_of_all_and_it_is_said(tmp_path, c
     found = swept(tmp_path, 'lenses = [{focus = "3m"}, {blades = 6}]', lens)
     assert [(job.lens.foc_dist, job.lens.blades) for job in found] == [(3000, 0), (2000, 6)]
     (told,) = caplog.messages
-    assert told.endswith("jobs.toml: [lens] focus: gives way to the lenses of [sweep] that set it")
+    assert told.endswith("jobs.toml: [lens] focus: has no effect on lenses of [sweep] that set it")

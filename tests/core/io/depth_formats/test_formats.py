@@ -344,12 +344,12 @@ def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("marigold", ["leaves ‹depth-range› open"]),
-        ("video-depth-anything", ["leaves ‹depth-kind› open"]),
-        ("co3d", ["leaves ‹depth-scale› open", "scale_adjustment"]),
+        ("marigold", ["needs ‹depth-range›"]),
+        ("video-depth-anything", ["needs ‹depth-kind›"]),
+        ("co3d", ["needs ‹depth-scale›", "scale_adjustment"]),
         ("kubric", ["add ‹planar› or ‹radial›"]),
         ("mitsuba", ["‹fov› 60deg or ‹focal-px› PX"]),
-        ("middlebury", ["leaves ‹focal-px› and ‹baseline› open: there is no calib.txt beside"]),
+        ("middlebury", ["needs ‹focal-px› and ‹baseline›: there is no calib.txt beside"]),
         ("disparity", ["‹focal-px› PX and ‹baseline› 65mm, or ‹depth-range› NEAR FAR, or"]),
     ],
 )
