@@ -31,21 +31,23 @@ from defocus_core.tensors.neighbourhoods import exceeding, extreme_around, flat_
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round
 
-# Range of radius in px, within 3 px of each other, that matters.
+# Least range in px of the radii within 3 px that makes an edge.
 MATTERS = off_round(1.0)
 # Px around an edge in which both surfaces are seen.
 _BESIDE = 3
-# The share that 3 px span on an edge; the place on an edge, from either end, from which
-# a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
+# The share of an edge's height that the middle 3 px of a narrow edge span; the distance in height
+# from both ends, as a share, from which a pixel is an average; and the greatest slope beside a hard
+# step, as a share of the step.
 ABRUPT, AVERAGE, FLAT = 0.5, 0.1, 0.1
-# Least number of averages: at all, for each hard step, and for each pixel on a wide edge.
+# Least number of averages in all, for each hard step, and for each pixel on a wide edge.
 FEWEST, EACH, _WIDER = 64, 2, 0.25
 
 
 def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Counts [3], along both axes: averages on narrow edges, pixels on wide edges, hard steps.
+    """Counts [3] of pixels that are averages on narrow edges, pixels on wide edges, and hard steps.
 
-    `band`: [h, W] px, the counted rows and the three rows of the frame above and below.
+    Edges along both axes are counted. `band`: [h, W] px, the counted rows and up to three rows of
+    the frame above and below; `rows`: (first, end) of the counted rows in the band.
     """
     radii = _runs(band, rows, slice(0, 2 * _BESIDE + 1, 2 * _BESIDE), 2 * _BESIDE + 1)
     before, step, after = _runs(band, rows, slice(1, 3), 4).diff(dim=1).abs().unbind(1)
@@ -54,7 +56,11 @@ def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
 
 
 def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tensor:
-    """The radii [m, width] of runs of pixels along both axes, whose ends differ by an edge."""
+    """Radii [m, width] of all runs of `width` pixels that cross an edge, along both axes.
+
+    A run crosses an edge if the two pixels that the slice `ends` picks differ by more than MATTERS
+    px. `rows`: (first, end) of the rows of the band in which runs have their middles.
+    """
     every, before = [band.new_zeros((0, width))], (width - 1) // 2
     for dim in (-2, -1):
         if band.shape[dim] >= width:
@@ -68,15 +74,15 @@ def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tenso
 
 
 def are_averaged(counts: list[float]) -> bool:
-    """Whether most edges of a frame are averages, by the sums of `averages` [3] over it."""
+    """Whether most edges of a frame are averages, given the sums of `averages` over it [3]."""
     average, wide, hard = counts
     return average > max(_WIDER * wide, FEWEST, EACH * hard)
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
-    """Whether the middle of 7 values [m, 7] is on a narrow edge, and whether on a wide one: [m].
+    """Whether the middle of 7 values [m, 7] is on a narrow edge, and whether it is on a wide one.
 
-    On an edge the values go up only or down only, and level off at an end.
+    Both are [m] bool. On an edge the values only rise or only fall, and level off at an end.
     """
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
@@ -92,22 +98,22 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
     return on_edge & abrupt, on_edge & ~abrupt
 
 
-# Greatest half width in px of a soft edge; px beside it in which the surfaces are seen.
+# Greatest half width in px of a soft edge; px around it in which both surfaces are looked for.
 _HALF_EDGE, _BESIDE_EDGE = 14, 16
-# Intervals of a px in the histogram of widths of soft edges.
+# Intervals per px in the histogram of the widths of soft edges.
 _PER_PX = 10
 # Slope of an edge of averages, as a share of that of a soft edge.
 _AVERAGED = 0.4
-# Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
+# Number of hard edges for each pixel on a ramp above which ramps are taken for surfaces.
 RARE = 16
-# Rows above and below a band that are evidence for it.
+# Rows above and below a band that the evidence of the band needs.
 _AROUND = 3
 
 
 class _BandEvidence(NamedTuple):
-    """Evidence in a band of rows for the repair that a frame needs."""
+    """Evidence from a band of rows for the repair that a frame needs."""
 
-    scatter: Tensor
+    scatter: Tensor  # histogram, from `scatter_counts`
     limits: Tensor  # [2] least and greatest radius in px
     softest: Tensor  # slope in px per px of the steepest soft edge
     ramps: Tensor  # number of pixels on steep ramps, wide or not
@@ -123,16 +129,17 @@ class DepthRepair(NamedTuple):
         antialiased: Whether edges are averages of both surfaces.
         soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
             or averages; None where most are hard.
-        wide_edges: The same slope in the picture reduced to a common size, the size at which a
-            network drew its edges; None where most of these are hard.
         ramps: Whether steep ramps between surfaces become steps.
-        edge_shifts: The displacements of edges from those of the colours, which are undone; None
-            if edges stay where they are.
+        edge_shifts: The displacements of edges from those of the colours, which are undone; None if
+            edges stay where they are.
         quantised: Whether steps between few levels become slopes.
         edge_width: Median width of soft edges in px, from one surface to the other, or the given
             width; None if edges are not soft.
         fraction: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
-        ramps_of: The scale of distance, if ramps are of distance; None if they are of disparity.
+        ramps_of: The scale of distance, if radii of ramps are linear in distance; None if they are
+            linear in disparity.
+        wide_edges: As `soft_edges`, but in the picture reduced to a common size, the size at which
+            a network drew its edges; None where most of these are hard.
     """
 
     noise: float | None = None
@@ -157,9 +164,9 @@ def diagnosed(
 ) -> DepthRepair:
     """The repair that radii need; for noisy radii, the noise alone, which hides other faults.
 
-    `signed_radius`: [H, W] px; `infinity`: signed radius in px at infinity; None if
-    that is not known; `noise`: standard deviation in px of the noise that was smoothed; None to
-    look for noise.
+    `signed_radius`: [H, W] px; `infinity`: signed radius in px at infinity; None if that is not
+    known; `noise`: standard deviation in px of noise that was smoothed before; None to look for
+    noise.
     """
     found = _found(signed_radius, threads)
     if noise is None:
@@ -171,7 +178,7 @@ def diagnosed(
 
 
 def _found(signed_radius: Tensor, threads: int) -> dict[str, list[float]]:
-    """The evidence of all bands of radii [H, W] px together, by name, on the host."""
+    """The evidence of all bands of radii [H, W] px together, by field of `_BandEvidence`."""
     of_bands = threaded(partial(_evidence, signed_radius), bands(signed_radius), threads)
     together = {}
     for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
@@ -190,7 +197,7 @@ def _with_wide_edges(
     found: dict[str, list[float]],
     infinity: float | None,
 ) -> DepthRepair:
-    """The repair of radii [H, W] px, with that of edges that are soft in the reduced picture."""
+    """The repair of radii [H, W] px, completed for edges that are soft in the reduced picture."""
     by, (minimum, maximum) = reduction(signed_radius.shape), found["limits"]
     if by == 1 or not math.isfinite(maximum - minimum):
         return repair
@@ -213,7 +220,7 @@ def _with_wide_edges(
 
 
 def _evidence(signed_radius: Tensor, rows: tuple[int, int]) -> _BandEvidence:
-    """The evidence in rows [first, end) of radii [H, W] px."""
+    """The evidence in the rows (first, end) of radii [H, W] px."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
     above = min(rows[0], _AROUND)
     around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
@@ -235,7 +242,7 @@ def _evidence(signed_radius: Tensor, rows: tuple[int, int]) -> _BandEvidence:
 def _repair(
     signed_radius: Tensor, found: dict[str, list[float]], infinity: float | None
 ) -> DepthRepair:
-    """The repair that the evidence of all bands asks for."""
+    """The repair of radii [H, W] px for which the evidence of all bands asks."""
     minimum, maximum, softest, ramps = *found["limits"], *found["softest"], *found["ramps"]
     if not (math.isfinite(minimum) and math.isfinite(maximum)):
         return DepthRepair()  # a picture of such depth is refused
@@ -279,10 +286,10 @@ def _soft_edges(
 def _edge_counts(
     signed_radius: Tensor, steep: float, scale: DistanceScale | None = None
 ) -> tuple[int, int, float]:
-    """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope.
+    """(number of pixels on soft edges, number of hard edges, median width of soft edges in px).
 
-    The number of pixels on soft edges, 0 if more steps are hard edges; the number of these; and the
-    median width of soft edges in px.
+    Edges of radii [H, W] px, or of distance if there is a scale, count if they are steeper than
+    `steep` px per px. The number of pixels on soft edges is 0 if there are more hard edges.
     """
     soft = hard = 0
     widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)

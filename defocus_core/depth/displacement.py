@@ -1,17 +1,18 @@
 """Displacements of depth edges from those of the colours, and their correction.
 
-Edges of estimated depth are some px too fat or too thin: beside a sharp subject a strip of the
-background would stay sharp, or the subject's own rim would be blurred. Some px within both surfaces
-their colours are known, as normal distributions along the silhouette; a displacement costs the
-pixels across it that would be left on the wrong side. The costs of all displacements are averaged
-along a silhouette before the least is chosen, so that it stays smooth (as in stereo, Hosni et al.
-2013), and chosen softly, so that it holds still (Kendall et al. 2017). A displacement that is rare
-in the picture needs more evidence, and so does one that differs from those of a longer part of the
-silhouette by more than a px: where colours decide little, a place has the displacement of its
-neighbours (one round of a mean field; Krähenbühl and Koltun 2011).
+Estimated depth has edges that lie some px outside or inside those of the subject: beside a sharp
+subject a strip of the background would stay sharp, or the subject's own rim would be blurred. Some
+px within each of both surfaces their colours are sampled, as normal distributions along the
+silhouette. The cost of a displacement is the number of pixels across the silhouette that it would
+leave on the wrong side. The costs of each displacement are averaged along the silhouette before the
+least is chosen, so that the result is smooth (as in stereo, Hosni et al. 2013); the choice is soft,
+so that small changes of the costs change it little (Kendall et al. 2017). A displacement that is
+rare in the picture needs more evidence, and so does one that differs by more than a px from those
+of a longer part of the silhouette: where colours decide little, a pixel gets the displacement of
+its neighbours (one round of a mean field; Krähenbühl and Koltun 2011).
 
-How far colours decide is tested on px whose side is known, beyond those that were sampled: textures
-that are alike on both sides fail there, and the depth's own edge stays.
+How well colours decide is tested on pixels whose side is known, farther from the edge than those
+sampled: with similar textures on both sides the test fails, and the depth's own edge stays.
 """
 
 from __future__ import annotations
@@ -36,52 +37,55 @@ from defocus_core.tensors.neighbourhoods import (
 )
 from defocus_core.tensors.threads import threaded
 
-# Greatest displacement in px; greatest depth in px from which on the colours of a surface are
-# sampled, which is the displacement that a profile shows for certain, and the greatest cost of one;
-# and over how many px.
+# Greatest displacement in px; greatest distance in px from the edge at which samples of a surface's
+# colours begin, which is also the greatest displacement that a profile proves, and the greatest
+# cost; length of the samples in px.
 FARTHEST, DEEPEST, SPAN = 8, 6, 5
-# Reach of a profile across a silhouette, in px to both sides: beyond the samples as many px show
-# whether a surface goes on in their colours.
+# Length of a profile to each side of a silhouette, in px: SPAN px beyond the samples test whether
+# the surface goes on in their colours.
 REACH = DEEPEST + 2 * SPAN + 1
 # Half width in px of the square around a pixel in which the normal is found; half of it is the
 # standard deviation of the weights there.
 NORMAL = 3
-# Light beyond which sums of it would be infinite.
+# Greatest light: sums of more could be infinite.
 _BRIGHTEST = 1e30
-# Least deviation of the colours of a surface, as a share of their mean; how many times wider they
-# vary than the few samples of one profile do.
+# Least standard deviation of the colours of a surface, as a share of their mean; factor by which
+# their variance exceeds that of the few samples of one profile.
 DEVIATION, WIDER = 0.04, 4.8
-# Logarithm of the density of other colours on a surface, in least deviations; by how much it is
-# greater on the nearer one, whose rims differ, while the farther one goes on unchanged behind it.
+# Logarithm of the probability density, in least deviations, of colours that a surface shows beside
+# those sampled; how much greater it is on the nearer surface, whose rim may differ from the rest.
 OTHER, _RIM = -13.66, 2.5
-# Difference of logarithms that is sure.
+# Difference of the logarithms of two densities from which on a pixel counts in full.
 SURE = 4.0
-# How well colours tell px apart that were not sampled, 1 for all, from where on they decide at all
-# and in full: those of a picture, and those of a silhouette.
+# Scores of colours on pixels that were not sampled, 1 if all are assigned rightly: the score at
+# which colours begin to decide, and that at which they decide fully; for the colours of a picture,
+# and for those along a silhouette.
 _OF_PICTURE, _OF_SILHOUETTE = (0.5, 0.65), (0.2, 0.5)
 # Rounds in which distributions of colours, and costs, are averaged over 5×5 px of a silhouette.
 _ROUNDS = 24
-# Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
-# lies their mean, so that an edge does not jump from one to the other.
+# Cost in px above the least at which a displacement has the weight 1 / e: of two that are equally
+# likely the mean is taken, so that an edge does not jump from one to the other.
 SPREAD = 0.15
-# Rounds of averaging that give what is expected of a place; the cost of a px² by which a
-# displacement differs from it by more than so many px; and the variance of one that is certain.
+# Rounds of averaging that give the displacement expected of a pixel; the cost per px² of a
+# difference from it, and the px of difference that cost nothing; and the variance in px² of a
+# displacement that is certain.
 _LONG, _STIFF, _FREE, _CERTAIN = 60, 1.0, 1.0, 0.5
-# Grains of displacement in a px: finer differences are rounding.
+# Displacements are rounded to 1 / this px.
 _GRAINS = 1 << 8
-# Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
-# displacement's votes that count for those a px beside it.
+# Weight of the cost of rare displacements; step in px to which it is rounded, so coarse that a few
+# pixels more or less change nothing; share of a displacement's votes that counts for each of the
+# two displacements a px beside it.
 RARITY, COARSE, BESIDE = 1.2, 0.05, 0.25
-# Displacement in px that is expected before colours are known; rounds in which votes are counted.
+# Mean size in px of displacements before colours are known; rounds in which votes are counted.
 BEFORE, MAXIMIZATIONS = 3.0, 3
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
-# A picture of hard edges is shifted if the median displacement is so many px, and if such a share
-# of the votes lie within a px of it.
+# Hard edges are moved if the median displacement is at least this many px, and at least this share
+# of the votes lies within a px of it.
 _BIASED, _AGREED = 0.75, 0.6
-# Px by which the middle of a pixel may lie beyond a moved edge of the nearer surface and is of it:
-# less than half, for a sharp pixel of both surfaces stands out of blur; no round number, so that
-# averages of whole displacements are no ties.
+# A pixel belongs to the nearer surface if its middle lies at most this many px outside the moved
+# edge: less than half, for a sharp pixel of both surfaces is conspicuous amid blur; no round
+# number, so that averages of whole displacements are no ties.
 _REST = 0.2437
 # Bytes that a profile takes while it is examined.
 _BYTES_EACH = 1 << 13
@@ -92,17 +96,19 @@ class ShiftEvidence(NamedTuple):
 
     costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
     fraction: Tensor  # [n, 1] share of the profiles around that show both surfaces
-    told: Tensor  # [n, 2], of px beyond the samples: how well they are told apart, and their number
-    beside: Tensor  # [n, K] places of its pixels within 5×5 px, over which it is averaged; n: none
+    # [n, 2] for the pixels beyond the samples: number assigned rightly less wrongly, and number
+    told: Tensor
+    # [n, K] indices of silhouette pixels within 5×5 px, over which evidence is averaged; n for none
+    beside: Tensor
 
 
 class EdgeShifts(NamedTuple):
-    """The displacements of a picture's edges from those of its colours."""
+    """Statistics of the displacements of a picture's depth edges from those of its colours."""
 
     step: float  # least step in px of an edge
     median: float  # median displacement in px; positive where depth is too fat, its edges outside
     rarity: tuple[float, ...]  # [2 * FARTHEST + 1] cost of each displacement from -FARTHEST on
-    trust: float = 1.0  # how far the picture's colours decide, from 0 to 1
+    trust: float = 1.0  # weight of the picture's colours, from 0 to 1
 
 
 def measured_shifts(
@@ -115,11 +121,11 @@ def measured_shifts(
 ) -> EdgeShifts | None:
     """The displacements of the edges of a picture; None where edges are not displaced.
 
-    Of many pixels a sample is examined. A hash of their surroundings chooses it, so that it does
-    not depend on their place in the frame.
+    If edges have many pixels, a sample of them is examined. A hash of their surroundings chooses
+    it, so that it does not depend on their position in the frame.
 
-    `soft`: slope in px of soft edges, the least step of an edge; None for hard edges, which are
-    moved only if most have the same displacement.
+    `soft`: least slope in px per px of soft edges, the least step of an edge; None for hard edges,
+    which are moved only if most have about the same displacement.
     """
     step, radii, colors = least_step(signed_radius, soft), signed_radius.detach(), pixels.detach()
     edges = _edge_positions(radii, step, scale, threads)
@@ -141,14 +147,14 @@ def measured_shifts(
 
 
 def least_step(signed_radius: Tensor, soft: float | None) -> float:
-    """The least step in px of an edge of radii [H, W] px; `soft`: as for `measured_shifts`."""
+    """The least step in px of an edge of radii [H, W] px; `soft` is as for `measured_shifts`."""
     minimum, maximum = range_of(signed_radius.detach()).tolist()
     slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
     return max(HARD_STEP * slope, soft or 0.0)
 
 
 def shifts_of(found: ShiftEvidence, step: float) -> tuple[EdgeShifts, float]:
-    """The displacements of a picture, and the share of them within a px of their median.
+    """The displacements of a picture, and the share of votes within a px of their median.
 
     The method is expectation-maximization: a pixel of little evidence votes as the others do.
 
@@ -171,7 +177,7 @@ def shifts_of(found: ShiftEvidence, step: float) -> tuple[EdgeShifts, float]:
 
 
 def _rarity(votes: Tensor) -> Tensor:
-    """The cost in px [2 * FARTHEST + 1] of each displacement, by its votes."""
+    """The cost in px [2 * FARTHEST + 1] of each displacement, greater the fewer votes it has."""
     fraction = votes / votes.sum()
     limits = torch.cat([fraction[:1], fraction, fraction[-1:]])
     fraction = (1 - 2 * BESIDE) * fraction + BESIDE * (limits[:-2] + limits[2:])
@@ -218,20 +224,20 @@ def silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Si
 
 
 def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tensor:
-    """Radii [H, W] px with each pixel of a silhouette moved by its `shift` [n] in px."""
+    """Radii [H, W] px whose edges are moved by `shift` [n] px at the pixels of a silhouette."""
     radii, at = signed_radius.detach(), silhouette.at
     H, W = radii.shape
     if not float(shift.abs().amax()) > _REST:
         return signed_radius
     flat, taken = radii.flatten(), signed_radius.flatten()
-    # the median beyond an edge, for beside it a speck may lie; what is nearer there shows no tear
+    # the median beyond the edge, as a speck may lie right beside it
     along = torch.arange(1.0, 2 * DEEPEST, device=at.device)
     beyond, _ = _profile_pixels(at, silhouette.normal, along, (H, W))
     median = flat[beyond].argsort(dim=1, stable=True)[:, len(along) // 2, None]
     near, far = at[:, 0] * W + at[:, 1], beyond.gather(1, median)[:, 0]
     far = torch.where(flat[far] < flat[silhouette.far], far, silhouette.far)
     order = torch.arange(len(at), device=at.device)
-    for key in (flat[far], flat[near], shift, shift.abs()):  # decides where two are as close
+    for key in (flat[far], flat[near], shift, shift.abs()):  # the order decides between ties
         order = order[key[order].argsort(stable=True)]
     at, near, far, shift = at[order], near[order], far[order], shift[order]
     index, owner, distance = _owners(at, shift, (H, W))
@@ -256,8 +262,8 @@ def edge_evidence(
 ) -> ShiftEvidence:
     """The evidence of colours at the pixels of a silhouette.
 
-    `along`: whether it is averaged along the silhouette; `rims`: whether the nearer surface may
-    have rims of other colours.
+    `along`: whether the evidence is averaged along the silhouette; `rims`: whether the nearer
+    surface may have rims of other colours.
     """
     step = pieces(radii.device, _BYTES_EACH)  # profiles to examine at once
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
@@ -297,7 +303,7 @@ def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
 
 
 def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
-    """Indices [n, K] in `at` of the pixels of a silhouette within 5×5 px of each; n for none."""
+    """Indices [n, K] in `at` [n, 2] of the silhouette pixels within 5×5 px of each; n for none."""
     n, (H, W) = len(at), radii.shape
     number = torch.full((H * W,), n, device=at.device)
     number[at[:, 0] * W + at[:, 1]] = torch.arange(n, device=at.device)
@@ -306,7 +312,7 @@ def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
 
 
 def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
-    """Values [n, K] averaged over the pixels of a silhouette within 5×5 px, `rounds` times."""
+    """Values [n, K], `rounds` times averaged over the silhouette pixels `beside` each, [n, ...]."""
     n = len(values)
     values = torch.cat([values, values.new_zeros(1, values.shape[1])]).float()
     beside = torch.cat([beside, beside.new_full((1, beside.shape[1]), n)])
@@ -317,9 +323,9 @@ def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
 
 
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """The pixels within reach of shifts, and their closest pixels of the silhouette.
+    """The pixels that shifts may move, each with its closest pixel of the silhouette.
 
-    Of two pixels of the silhouette that are equally close, the first one is taken.
+    Of two equally close pixels of the silhouette, the first one counts.
 
     `at`: [n, 2] rows and columns of the silhouette; `shift`: [n] px; `size`: (height, width) of the
     frame. Returns [m] flat indices of pixels, [m] indices in `at`, [m] distances in px.
@@ -331,7 +337,7 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
     first = torch.full((H * W,), nobody, device=at.device)
     order, step = torch.arange(n, device=at.device), pieces(at.device, _BYTES_EACH)
     for own, part in zip(torch.split(order, step), torch.split(at, step), strict=True):
-        # the closest pixel of the frame stands for one beyond it, which is farther: it never counts
+        # a pixel outside the frame is clamped to one inside, which another offset finds closer
         around = squares_around(part, size, reach).flatten()
         first.scatter_reduce_(0, around, (away * n + own[:, None]).flatten(), "amin")
     index = flat_nonzero(first < nobody)
@@ -340,25 +346,26 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
 
 
 class Silhouette(NamedTuple):
-    """The pixels on the nearer side of edges."""
+    """The pixels on the nearer side of depth edges."""
 
     at: Tensor  # [n, 2] rows and columns
-    far: Tensor  # [n] number of the farthest pixel beside each
+    far: Tensor  # [n] flat index of the farthest of the four pixels beside each
     normal: Tensor  # [2, n] direction (y, x) to the farther surface
 
 
 def _edge_positions(
     radii: Tensor, step: float, scale: DistanceScale | None, threads: int = 1
 ) -> Tensor:
-    """The rows and columns [n, 2] of the pixels on edges."""
+    """The rows and columns [n, 2] of the pixels for which `edges_of` radii [H, W] px is True."""
     edges = partial(edges_of, step=step, scale=scale)
     return positions_of(repaired(radii, edges, FARTHEST + 1, threads=threads))
 
 
 def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
-    """The pixels [H, W] beside which the radius is greater by more than a step.
+    """The pixels [H, W], bool, beside which the radius is greater by more than `step` px.
 
-    With a scale of distance, the distance must be greater by a step, too.
+    If a scale is given, the distance in px must be greater by more than a step, too. Pixels of much
+    smaller steps than others nearby are left out.
     """
     height = torch.zeros_like(radii)
     for dim in (-2, -1):
@@ -373,7 +380,10 @@ def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
 
 
 def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
-    """The rise in px from each pixel to the next, of radius or of distance, whichever is less."""
+    """The rise in px from each pixel to the next along an axis, of radius or of distance.
+
+    With a scale, it is the rise of the two that is smaller in size.
+    """
     rise = radii.diff(dim=dim)
     if scale is None:
         return rise
@@ -382,7 +392,7 @@ def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
 
 
 def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
-    """The silhouette at pixels [n, 2] of radii [H, W]."""
+    """The silhouette at pixels `at` [n, 2] of radii [H, W] px."""
     size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
     beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
     maximum, which = flat[beside].max(1)
@@ -399,10 +409,11 @@ def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
 def _profile_pixels(
     at: Tensor, normal: Tensor, along: Tensor, size: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
-    """Flat indices [n, K] of pixels across a silhouette [n, 2], and whether they are in the frame.
+    """Flat indices [n, K] of the pixels across a silhouette, and whether each is in the frame.
 
-    `normal`: [2, n]; `along`: [K] px from the silhouette to the farther surface; `size`: (height,
-    width) of the frame, whose closest pixel stands for one that is beyond it.
+    `at`: [n, 2] rows and columns of the silhouette; `normal`: [2, n]; `along`: [K] px from the
+    silhouette towards the farther surface; `size`: (height, width) of the frame. A pixel outside
+    the frame is replaced by the closest one inside.
     """
     H, W = size
     y, x = (at[:, d, None] + (normal[d, :, None] * along).round().long() for d in (0, 1))
@@ -411,11 +422,14 @@ def _profile_pixels(
 
 
 class _Profiles(NamedTuple):
-    """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH out."""
+    """Lines of pixels across a silhouette, REACH px long to both sides.
 
-    positions: Tensor  # [n, 2 * REACH + 1] numbers of pixels
-    inwards: Tensor  # [n] number of px that go on without a gap within the nearer surface
-    outwards: Tensor  # [n] number of px that go on without a gap beyond it
+    They go from within the nearer surface outwards.
+    """
+
+    positions: Tensor  # [n, 2 * REACH + 1] flat indices of pixels
+    inwards: Tensor  # [n] number of px of the nearer surface inwards, up to the first gap
+    outwards: Tensor  # [n] number of px of the farther surface outwards, up to the first gap
 
     @property
     def is_seen(self) -> Tensor:
@@ -423,15 +437,21 @@ class _Profiles(NamedTuple):
         return (self.inwards >= 2) & (self.outwards >= 2)
 
     def depths(self) -> tuple[Tensor, Tensor]:
-        """Distances [n] px at which colours of the nearer and the farther surface are sampled."""
-        # the middle of a thin surface is as deep as one can get
+        """Distances in px from the edge at which samples of colours begin, [n] each.
+
+        First those of the nearer surface, then those of the farther one.
+        """
+        # a thin surface is sampled from its middle on
         near, far = (
             (count.double() / 2).clamp(max=DEEPEST) for count in (self.inwards, self.outwards)
         )
         return near, far
 
     def sides(self) -> Iterator[tuple[Tensor, Tensor]]:
-        """Masks [n, 2 * REACH + 1] of the sampled px of each surface, and of the px beyond them."""
+        """Two masks [n, 2 * REACH + 1] of each surface: its sampled pixels, and those beyond them.
+
+        The nearer surface comes first.
+        """
         for side, depth, count in zip(
             (-1, 1), self.depths(), (self.inwards, self.outwards), strict=True
         ):
@@ -442,7 +462,7 @@ class _Profiles(NamedTuple):
 
 
 def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
-    """The profiles across a silhouette of radii [H, W]."""
+    """The profiles across a silhouette of radii [H, W] px."""
     at, far, normal = silhouette
     size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
     index, inside = _profile_pixels(at, normal, _profile_offsets(at), size)
@@ -453,9 +473,9 @@ def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
 
 
 def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
-    """Sums [n, 2 * (1 + C + C²)] of 1, colours and their products, over samples of both surfaces.
+    """Sums [n, 2 * (1 + C + C²)] of 1, colours and their products over the samples of each surface.
 
-    Averaged along a silhouette, sums say how the colours of both surfaces are distributed there.
+    Averaged along a silhouette, these sums give the mean and the covariance of the colours there.
     """
     color, moments = _colors(pixels, profiles.positions), []  # [C, n, 2 * REACH + 1]
     for sampled, _ in profiles.sides():
@@ -466,19 +486,24 @@ def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
 
 
 def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
-    """The weight [..., 1] of colours, 0 to 1, by how well they tell px apart, `told` [..., 2].
+    """The weight [..., 1] of colours, 0 to 1, by their score on pixels that were not sampled.
 
     Similar textures on both sides have no weight, however different two of their samples are.
+    `told`: [..., 2], as in `ShiftEvidence`; `limits`: scores of weight 0 and of weight 1.
     """
     least, full = limits
-    score = (told[..., :1] + full) / (told[..., 1:] + 1)  # one px that is told, for none at all
+    score = (told[..., :1] + full) / (told[..., 1:] + 1)  # `full` if there are no such pixels
     return ((score - least) / (full - least)).clamp(0, 1)
 
 
 def _of_profiles(
     profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The fields `costs`, `fraction` and `told` of `ShiftEvidence`, for each profile alone."""
+    """`costs`, `fraction` and `told` of `ShiftEvidence` for each profile, before any averaging.
+
+    `moments`: from `_color_moments`; `alone`: whether they are of single profiles; `rims`: as for
+    `edge_evidence`.
+    """
     nearer = _nearer(profiles, moments, pixels, alone=alone, rims=rims)
     inside, outside = (beyond for _, beyond in profiles.sides())
     right = (nearer * inside - nearer * outside).sum(1)
@@ -490,9 +515,10 @@ def _of_profiles(
 def _nearer(
     profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
 ) -> Tensor:
-    """Whether px [n, 2 * REACH + 1] show the nearer surface (1) or the farther one (-1), graded.
+    """How surely each pixel of profiles [n, 2 * REACH + 1] shows the nearer surface.
 
-    `pixels`: [C, H, W] linear.
+    1 is surely the nearer surface, -1 surely the farther one. Arguments are as for `_of_profiles`;
+    `pixels` are [C, H, W] linear.
     """
     color, C = _colors(pixels, profiles.positions), len(pixels)
     sides = torch.split(moments, 1 + C + C * C, 1)
@@ -518,8 +544,9 @@ def _nearer(
 def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
     """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
 
-    Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
-    its colour is on the other side; where the colours of both surfaces are alike, nothing.
+    Each pixel that a displacement leaves on the wrong side costs up to 1, the more the likelier its
+    colour is on the other side; where the colours of both surfaces are alike, nothing. `nearer`:
+    from `_nearer`.
     """
     along, (near_depth, far_depth) = _profile_offsets(nearer), profiles.depths()
     valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)
@@ -532,12 +559,12 @@ def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
 
 
 def _profile_offsets(like: Tensor) -> Tensor:
-    """Px [2 * REACH + 1] from a silhouette to the pixels of a profile."""
+    """The offsets in px [2 * REACH + 1] of a profile's pixels from its silhouette."""
     return torch.arange(-REACH, REACH + 1, device=like.device, dtype=torch.float64)
 
 
 def _colors(pixels: Tensor, index: Tensor) -> Tensor:
-    """Square roots of colours [C, ...] of pixels, in double precision.
+    """Square roots [C, ...] of the linear colours of pixels at flat indices [...], as float64.
 
     The edges that are found do not depend on the precision of the picture.
     """

@@ -1,7 +1,7 @@
 """Depth of another size than its picture, enlarged with edges where the colours change.
 
-Disparity is linear between coarse pixels, the pixels of the given depth, and hard edges stay hard;
-then edges are repaired as those of any estimated depth.
+Disparity is interpolated linearly between the pixels of the given depth, the coarse pixels, and
+hard edges stay hard; then edges are repaired as those of any estimated depth.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from defocus_core.tensors.validation import described
 
 # Range of radii in px for which the depth is repaired.
 _RANGE_PX = 30.0
-# Coarse pixels by which an edge may be displaced.
+# Greatest displacement of an edge, in coarse pixels.
 _REACH = 2
 # Width in px of edges without ramps.
 _HARD = 1.0
@@ -32,8 +32,8 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
     """Depth at the size of a picture, its edges moved to those of the colours.
 
     Args:
-        depth: [h, w], positive, in any unit; inf is sky. It shows what the picture shows, and no
-            more.
+        depth: [h, w], positive, in any unit; inf is sky. It covers the same field of view as the
+            picture.
         image: [C, H, W], linear light.
         threads: Number of bands of rows computed at once.
 
@@ -41,7 +41,7 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
         [H, W], in the unit and the precision of the depth.
 
     Raises:
-        ValueError: If `depth` is no map of positive numbers.
+        ValueError: If `depth` is not [h, w] of positive floating-point numbers.
     """
     if depth.dim() != 2 or not depth.is_floating_point() or not bool((depth > 0).all()):
         problem = f"depth must be [h, w] of positive floats, got {described(depth)}"
@@ -69,7 +69,7 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
     return (1 / (radius / scale).clamp(min=0).abs()).to(depth.dtype)
 
 
-GuidedDepth = guided_depth  # its name in 0.1, when windows were read of it: a tensor has them, too
+GuidedDepth = guided_depth  # its name in 0.1
 
 
 def _snapped(
@@ -80,7 +80,12 @@ def _snapped(
     size: tuple[int, int],
     step: float,
 ) -> Tensor:
-    """Interpolated radii [H, W] px; across an edge, the closer of the extreme radii around."""
+    """Interpolated radii [H, W] px, but across an edge the radius of one of its two surfaces.
+
+    Where the coarse pixels around span more than `step` px, a pixel gets the least or the greatest
+    of their radii, whichever is closer. `rows`, `columns`: (first, end) of the window in the
+    picture of `size` (height, width).
+    """
     nearest = farthest = coarse
     for dim, (first, end) in enumerate((rows, columns)):
         before, after, _ = coarse_neighbours(coarse, dim, first, end, size[dim])

@@ -1,6 +1,7 @@
 """Levels of reduced resolution, on which large displacements of edges are corrected first.
 
-A displacement by the same share of a picture is found at any resolution.
+At each halving of resolution a displacement becomes half as many px, so that the search over few px
+finds it.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ from defocus_core.depth.ramps import LEAST_SIDE, DistanceScale
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.later import Tensor, torch
 
-# Displacement that is looked for, as a share of the longer side of a picture.
+# Greatest displacement that is looked for, as a share of the longer side of a picture.
 _FRACTION = 0.01
 
 
 class CoarseShifts(NamedTuple):
-    """The displacements that a level of half resolution, or of less, shows."""
+    """The displacements of edges that one level of reduced resolution shows."""
 
     level: int  # how many times resolution is halved
     field: Tensor  # [h, w] in coarse px, around silhouettes; 0 elsewhere
-    median: float  # px of full resolution
+    median: float  # median displacement in px of full resolution
 
 
 def coarse_shifts(
@@ -43,7 +44,10 @@ def coarse_shifts(
     reach: float = 0.0,  # px of displacement to look for at least
     threads: int = 1,
 ) -> list[CoarseShifts]:
-    """The displacements that coarse levels show, coarsest first, each what the last one left."""
+    """The displacements found at each reduced level, coarsest first.
+
+    At each level, those of coarser levels are corrected before what is left is measured.
+    """
     size = (signed_radius.shape[-2], signed_radius.shape[-1])
     reach = max(_FRACTION * max(size), reach)
     levels = max(0, math.ceil(math.log2(reach / DEEPEST)))
@@ -74,7 +78,10 @@ def with_coarse_shifts(
     scale: DistanceScale | None,
     level: int = 0,
 ) -> Tensor:
-    """Radii [H, W] px with edges moved by one coarse displacement after another."""
+    """Radii [H, W] px of a level with edges moved by coarse displacements, one after another.
+
+    `step`, `scale`: as for `coarse_shifts`; `level`: of the radii, 0 for full resolution.
+    """
     for each in found:
         silhouette = silhouette_of(signed_radius.detach(), step, scale)
         if silhouette is None:
@@ -85,7 +92,10 @@ def with_coarse_shifts(
 
 
 def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
-    """Values [n] of a field [h, w] at rows and columns [2, n] of a picture of `size`, linear."""
+    """Values [n] of a field [h, w], interpolated linearly.
+
+    `at`: [2, n] rows and columns in a picture of `size` (height, width), which the field covers.
+    """
     places = (2 * at + 1) / sent([[size[0]], [size[1]]], at) - 1
     places = places.flip(0).T[None, None].to(field.dtype)
     read = torch.nn.functional.grid_sample(
@@ -95,7 +105,11 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
 
 
 def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Radii and mean colours of 2×2 px; each radius is neither the least nor the greatest of 4."""
+    """Radii and colours at half the resolution.
+
+    Of 2×2 px they are the second least radius, neither the least nor the greatest, and the mean
+    colour.
+    """
     H, W = signed_radius.shape
     radii, colors = (
         torch.nn.functional.pad(each.detach()[None], (0, W % 2, 0, H % 2), mode="replicate")[0]
@@ -106,7 +120,7 @@ def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
-    """Displacements [n] of a silhouette as a field [h, w] px around it: means of 5×5 px."""
+    """Displacements [n] of a silhouette as a field [h, w]: means over 5×5 px, 0 elsewhere."""
     both = shift.new_zeros(2, radii.numel(), dtype=torch.float32)
     number = silhouette.at[:, 0] * radii.shape[1] + silhouette.at[:, 1]
     both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()

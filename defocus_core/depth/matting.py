@@ -1,10 +1,11 @@
 """Matting: the two surfaces of a pixel on a depth edge, and the coverage of the nearer one.
 
-A pixel on an edge holds α of the nearer surface and 1 - α of the farther one, C = α F + (1 - α) B,
-whichever of the two its depth names. F and B are the colours of both surfaces beside the edge, each
-with a mean and a variance (Bayesian matting, Chuang et al. 2001). The depth of the pixels around
-lets expect a coverage that changes smoothly across the edge; the colour corrects it, as far as it
-tells the surfaces apart and is a mixture of them at all.
+A pixel on an edge shows a share α of the nearer surface and 1 - α of the farther one, C = α F + (1
+- α) B, whichever of the two its depth names. F and B are the colours of both surfaces beside the
+edge, each with a mean and a variance (Bayesian matting, Chuang et al. 2001). The depth of the
+pixels around gives an expected coverage, which changes smoothly across the edge. The colour
+corrects it, the more, the more clearly it differs between the surfaces, and the less, the less it
+is a mixture of both.
 """
 
 from __future__ import annotations
@@ -30,40 +31,43 @@ EDGE, STEP = off_round(1.5), off_round(1.0)
 # Half width in px of the square around a pixel from which both surfaces are estimated, and the
 # standard deviation in px of the weights in it.
 AROUND, NEARBY = 3, 2**0.5
-# Standard deviation in px of the weights of the pixels from whose depth a coverage is expected, and
-# of the coverage from the expected one.
+# Standard deviation in px of the weights of the pixels whose depth gives the expected coverage, and
+# that of the coverage around the expected one.
 PIXEL, UNCERTAIN = 0.6, 0.25
-# Weight of a light that is no ordinary pixel, beside ordinary ones of its surface.
+# Relative weight of a pixel brighter than the limit, beside ordinary ones of its surface.
 LIGHT = 1e-20
-# Radius in px up to which a nearer surface is in focus: its pixels stay as they are.
+# Radius in px up to which a surface is in focus: the pixels of a nearer one stay whole.
 SHARP = 0.5
-# Share of another surface up to which a pixel is whole, if that is within so many deviations of its
-# own surface; a greater one d counts as d - w² / d.
+# A pixel with a share of another surface up to w is whole. w is at most this, and less if such a
+# share would be more than this many standard deviations of its own surface; a greater share d
+# counts as d - w² / d.
 WHOLE, WITHIN = 0.03, 2.0
-# Misfit of a colour that is neither surface's, in variances, by which it is rather a thing of its
-# own, a lamp, and whole.
+# Misfit, in variances, above which a colour is rather that of a third thing, such as a lamp, and
+# its pixel whole.
 FOREIGN = 100
-# Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
-# the brightest channel: less may be rounding.
+# Least standard deviation of a surface's colours, as a share of their mean and of the brightest
+# channel: less may be rounding.
 MIN_DEVIATION, ROUNDING = 0.01, 1e-4
-# Power of the distance from the colour of the other surface by which pixels of a thin one count.
+# Pixels of a thin surface are weighted by this power of their squared distance in colour from the
+# other surface.
 _PUREST = 4
-# Px beside an edge of estimated depth whose colours decide which surface they are of.
+# Distance in px from an edge of estimated depth up to which colours decide the surface of a pixel.
 _BESIDE = 2
-# Coverage from which on a pixel is of the subject of a matte.
+# Coverage by a matte from which on a pixel belongs to the subject.
 SUBJECT = 0.5
 # Bytes that a pixel takes while it is examined.
 _BYTES_EACH = 1 << 13
 
 
 class MixedPixels(NamedTuple):
-    """Pixels with parts of two surfaces, split.
+    """Pixels that show parts of two surfaces, split into these.
 
-    If the pixel's depth is that of the nearer surface, the farther one shows through the remaining
-    share. If it is that of the farther surface, this is whole behind a part of the nearer one.
+    If the pixel's depth is that of the nearer surface, this covers a part of the pixel, and the
+    farther one shows through the rest. If it is that of the farther surface, this is whole, and a
+    part of the nearer surface lies before it.
     """
 
-    # [n, 2] rows and columns; rows are counted on from one picture of a batch to the next
+    # [n, 2] rows and columns; in a batch, rows go on counting from one picture to the next
     at: Tensor
     # [2 C + 3, n]: the colour of the own surface and its coverage; the colour of a nearer surface,
     # its coverage and its radius in px
@@ -71,21 +75,24 @@ class MixedPixels(NamedTuple):
 
     @property
     def own(self) -> Tensor:
-        """[C + 1, n], colour of the own surfaces, not premultiplied, then coverage."""
+        """[C + 1, n]: colour, not premultiplied, and coverage of the surface that depth names."""
         return self.values[: (len(self.values) - 1) // 2]
 
     @property
     def nearer(self) -> Tensor:
-        """[C + 2, n], the same of nearer surfaces, then radius; coverage 0 where there is none."""
+        """[C + 2, n]: colour, coverage and radius in px of the nearer surface before the own one.
+
+        The coverage is 0 where there is none.
+        """
         return self.values[(len(self.values) - 1) // 2 :]
 
     def select(self, index: Tensor) -> MixedPixels:
-        """The pixels of these indices."""
+        """The pixels of the given indices."""
         return MixedPixels(self.at.index_select(0, index), self.values.index_select(1, index))
 
     @classmethod
     def concatenate(cls, parts: Sequence[MixedPixels]) -> MixedPixels:
-        """The pixels of all parts."""
+        """The pixels of all parts, in their order."""
         return cls(torch.cat([part.at for part in parts]), torch.cat([p.values for p in parts], 1))
 
 
@@ -98,11 +105,11 @@ class _Side(NamedTuple):
     known: Tensor  # [n] bool, whether the surface has pixels
 
     def where(self, mask: Tensor, other: _Side) -> _Side:
-        """These sides where a mask [n] is True, those of `other` elsewhere."""
+        """The sides of `self` where a mask [n] is True, and of `other` elsewhere."""
         return _Side(*(torch.where(mask, *pair) for pair in zip(self, other, strict=True)))
 
     def replaced(self, index: Tensor, other: _Side) -> _Side:
-        """The sides, with those of `other` at the given indices."""
+        """The sides with those of `other` in place of the ones at the given indices."""
         pairs = zip(self, other, strict=True)
         return _Side(*(own.index_copy(-1, index, new) for own, new in pairs))
 
@@ -114,7 +121,7 @@ class _Squares(NamedTuple):
     radii: Tensor  # [k, n] px
     is_near: Tensor  # [k, n] bool, whether pixels are of the nearer one of two surfaces
     on_edge: Tensor  # [k, n] bool
-    # [n], the coverage of the nearer surface where it is known, else NaN; None if nowhere
+    # [n], the coverage of the nearer surface where a matte gives it, else NaN; None without a matte
     known: Tensor | None = None
 
     @property
@@ -123,7 +130,11 @@ class _Squares(NamedTuple):
         return len(self.radii) // 2
 
     def weights(self, limit: float) -> Tensor:
-        """Weights [k, n] by closeness; 0 for a third surface on the own side of the edge."""
+        """Weights [k, n] of the pixels by closeness to the middle.
+
+        Pixels of a third surface on the own side of the edge have 0, and pixels brighter than
+        `limit` almost 0.
+        """
         alike = (self.radii - self.radii[self.middle]).detach().abs() <= EDGE
         own = self.is_near == self.is_near[self.middle]
         weights = _closeness(self.colors, NEARBY) * (alike | ~own)
@@ -132,7 +143,7 @@ class _Squares(NamedTuple):
         return torch.where(self.colors.detach().amax(0) > limit, LIGHT * weights, weights)
 
     def inner(self) -> Tensor:
-        """The radii [3, 3, n] px around the middle."""
+        """The radii [3, 3, n] in px of the 3×3 pixels in the middle."""
         side = 2 * AROUND + 1
         inner = slice(AROUND - 1, AROUND + 2)
         return self.radii.reshape(side, side, -1)[inner, inner]
@@ -144,28 +155,34 @@ class _Squares(NamedTuple):
         return torch.maximum(*steps) > STEP
 
     def beyond_edge(self) -> Tensor:
-        """The extreme radii [n] px of the other surface within the inner 3×3 pixels."""
+        """Radii [n] in px of the other surface: the extremes within the inner 3×3 pixels.
+
+        They are the greatest radii if the middle is near, and else the least.
+        """
         nine = self.inner()
         return torch.where(self.is_near[self.middle], nine.amax((0, 1)), nine.amin((0, 1)))
 
 
 class _Pixels(NamedTuple):
-    """n pixels on an edge."""
+    """n pixels on an edge, with the surfaces on both sides."""
 
     color: Tensor  # [C, n]
     own: _Side  # the surfaces that their depth names
-    other: _Side
-    expected: Tensor  # [n], the share of the own surface that is expected from the depth around
+    other: _Side  # the surfaces on the other side of the edge
+    expected: Tensor  # [n], coverage of the own surface that the depth around lets expect
     known: Tensor  # [n] bool, whether both surfaces have pixels
 
 
 def mixed_pixels(
     image: Tensor, signed_radius: Tensor, limit: float = math.inf, matte: Tensor | None = None
 ) -> MixedPixels:
-    """Split mixed pixels; a pixel is unchanged where one of its surfaces is not visible around it.
+    """The mixed pixels of a picture, split into two surfaces.
 
-    `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px; `matte`: [..., H, W], the
-    coverage of a subject, which is not guessed at its silhouette.
+    A pixel is left out if one of its surfaces is not visible around it.
+
+    `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px; `limit`: light above which a
+    pixel hardly counts for the colour of its surface; `matte`: [..., H, W], the coverage of a
+    subject, which replaces the estimated coverage at its silhouette.
     """
     edge = _edges(signed_radius, matte)
     squares = _squares_on(edge, image, signed_radius, matte)
@@ -176,17 +193,17 @@ def mixed_pixels(
 
 
 def no_pixels(image: Tensor) -> MixedPixels:
-    """No mixed pixels of an image [C, ..., H, W]."""
+    """An empty set of mixed pixels, for an image [C, ..., H, W]."""
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
     return MixedPixels(nowhere, image.new_zeros(2 * len(image) + 3, 0))
 
 
 def radii_by_color(signed_radius: Tensor, image: Tensor, decided: Tensor) -> Tensor:
-    """Radii [H, W] px in which the colours [C, H, W] decide the surface of pixels on edges.
+    """Radii [H, W] px in which colours decide to which surface the pixels on edges belong.
 
-    Estimated depth gives some pixels beside an edge to the wrong surface.
+    Estimated depth gives some pixels beside an edge the radius of the wrong surface.
 
-    `decided`: [H, W] bool, where colours tell both surfaces apart.
+    `image`: [C, H, W]; `decided`: [H, W] bool, where colours distinguish both surfaces.
     """
     image = image.to(torch.promote_types(image.dtype, torch.float32))
     for _ in range(_BESIDE):
@@ -219,9 +236,10 @@ def _numbers(at: Tensor, like: Tensor) -> Tensor:
 def _squares_on(
     edge: Tensor, image: Tensor, signed_radius: Tensor, matte: Tensor | None = None
 ) -> Iterator[tuple[Tensor, _Squares]]:
-    """Pixels [n, 2] of an edge [..., H, W] and the squares around them, piece by piece.
+    """Yield the pixels [n, 2] of an edge [..., H, W], piece by piece, with the squares around them.
 
-    The nearer surface has the pixels nearer than halfway between the extremes around.
+    A pixel of a square is of the nearer surface if it is nearer than halfway between the extremes
+    of the 3×3 pixels around the middle.
     """
     positions = positions_of(edge)
     if not len(positions):
@@ -245,7 +263,10 @@ def _squares_on(
 
 
 def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
-    """Squares with surfaces and coverage from a matte [k, n], where they hold its silhouette."""
+    """Squares that hold a matte's silhouette, with surfaces and coverage from the matte [k, n].
+
+    Other squares are unchanged.
+    """
     subject, radii = matte >= SUBJECT, squares.radii.detach()
     own, rest = ((radii * mask).sum(0) / mask.sum(0).clamp(min=1) for mask in (subject, ~subject))
     at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > STEP)
@@ -256,7 +277,10 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
 
 
 def _split_pixels(at: Tensor, squares: _Squares, limit: float) -> MixedPixels:
-    """Split the pixels at [n, 2]."""
+    """The mixed pixels at rows and columns [n, 2], split into two surfaces.
+
+    Pixels without two known surfaces are left out.
+    """
     pixels = _pixels_on_edge(squares, limit)
     color, own, other, _, known = pixels
     is_near = squares.is_near[squares.middle]
@@ -272,7 +296,7 @@ def _split_pixels(at: Tensor, squares: _Squares, limit: float) -> MixedPixels:
 
 
 def _pixels_on_edge(squares: _Squares, limit: float = math.inf) -> _Pixels:
-    """The pixels in the middle of squares."""
+    """The pixels in the middle of squares, with the surfaces on both sides."""
     near, far = _sides(squares, limit)
     color = squares.colors[:, squares.middle]
     is_near = squares.is_near[squares.middle]
@@ -286,17 +310,20 @@ def _pixels_on_edge(squares: _Squares, limit: float = math.inf) -> _Pixels:
 
 
 def _closeness(like: Tensor, deviation: float) -> Tensor:
-    """Weights of the pixels of a square by their distance from its middle, [k, 1]."""
+    """Gaussian weights [k, 1] of the pixels of a square by distance from its middle.
+
+    `deviation`: their standard deviation in px.
+    """
     offset = torch.arange(-AROUND, AROUND + 1, device=like.device)
     squares = (offset * offset + (offset * offset)[:, None]).flatten()
     return torch.exp(squares.to(like.dtype) / (-2 * deviation**2))[:, None]
 
 
 def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
-    """The nearer and the farther surface in squares, from their pixels off the edge.
+    """The nearer and the farther surface in squares, from their pixels that are not on the edge.
 
-    If one is so thin that all of its pixels are on an edge, those that are least like the other
-    hold most of it.
+    If all pixels of a surface are on an edge, as it is thin, they are weighted by how much their
+    colour differs from the other surface.
     """
     weight, is_near = squares.weights(limit), squares.is_near
     masks = is_near, ~is_near
@@ -318,7 +345,7 @@ def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
 
 
 def _side_of(squares: _Squares, weight: Tensor) -> _Side:
-    """The mean colour and radius, with variance, of squares of pixels of weights [k, n]."""
+    """Means and variance over the pixels of squares, weighted by `weight` [k, n]."""
     total = weight.sum(0)
     fraction = weight / torch.where(total > 0, total, 1.0)
     mean = (squares.colors * fraction).sum(1)
@@ -333,8 +360,8 @@ def _side_of(squares: _Squares, weight: Tensor) -> _Side:
 def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tensor:
     """The most probable α [n] of colours [C, n] = α own + (1 - α) other, given the expected α [n].
 
-    The less a colour is on the line between both surfaces, the less it counts; what is far from it
-    (a lamp) is whole.
+    The farther a colour is from the line between both surfaces, the less it counts; one that is far
+    from it, such as that of a lamp, gets a coverage near 1.
     """
     variance, apart = (own.variance + other.variance) / 2, own.mean - other.mean
     evidence = (apart * apart / variance).sum(0)
@@ -348,7 +375,7 @@ def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tens
 
 
 def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tensor:
-    """Coverages [n] by a pixel's own surface; those near 1 become 1."""
+    """Coverages [n] of pixels by their own surface, those near 1 set to 1."""
     apart = (own.mean - other.mean).square()
     limit = WITHIN / (apart / own.variance).sum(0).clamp(min=(WITHIN / WHOLE) ** 2).sqrt()
     limit = torch.where(is_near & (own.signed_radius.detach().abs() <= SHARP), 1.0, limit)
@@ -358,9 +385,10 @@ def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tenso
 
 
 def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Tensor, Tensor]:
-    """The colours [C, n] of both surfaces of mixed pixels, the first one of coverage α [n].
+    """The colours [C, n] of the own and the other surface of mixed pixels.
 
-    A remainder that neither surface explains belongs to the pixel's own surface, then to the other.
+    `alpha` [n] is the coverage of the own surface. What the mean colours of both leave unexplained
+    is given to the own surface as far as its variance allows, then to the other.
     """
     weights = alpha * own.variance, (1 - alpha) * other.variance
     residual = (color - alpha * own.mean - (1 - alpha) * other.mean) / (
@@ -376,12 +404,15 @@ def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Ten
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
-    """The colours [C, n] that `color`, with its fraction [n], leaves of mixed pixels [C, n]."""
+    """The colours [C, n] left of mixed pixels [C, n] without a `fraction` [n] of `color`."""
     return (mixed - fraction * color) / torch.where(fraction < 1, 1 - fraction, 1.0)
 
 
 def _clipped(side: _Side, other: Tensor, color: Tensor) -> Tensor:
-    """Clip a colour to two deviations around its surface's mean; `other` is never clipped."""
+    """Colours [C, n] clipped to two standard deviations around the mean of their surface.
+
+    `other` [C, n] widens the range: the interval always contains it.
+    """
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))
     color = torch.minimum(color, torch.maximum(side.mean + reach, other))

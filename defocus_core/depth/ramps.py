@@ -1,12 +1,13 @@
 """Ramps of depth at soft edges, and the steps that take their place.
 
-Where the radius changes by more than a pixel or so per pixel, the depth map has smoothed an edge:
-the lens would not see so steep a surface as one, and some of its pixels would be sharp. From each
-pixel the paths of steepest descent and ascent lead to both ends of the ramp; it gets the radius of
-the closer end.
+Where the radius changes by more than a pixel or so per pixel, the depth map has smoothed an edge: a
+lens would not show a surface so steep, and some pixels of the ramp would be sharp. From each pixel
+the paths of steepest descent and ascent lead to both ends of the ramp; the pixel gets the radius of
+the end that is closer in radius.
 
 Radii are affine in disparity. An edge that a network of metric depth softened in distance is
-lopsided in radius: steep on its near side, as if a hard edge stood there, and flat on its far side.
+asymmetric in radius: steep on its near side, as if a hard edge stood there, and flat on its far
+side.
 """
 
 from __future__ import annotations
@@ -28,34 +29,35 @@ from defocus_core.tensors.neighbourhoods import (
 from defocus_core.tensors.ties import off_round
 from defocus_core.tensors.validation import Scalar
 
-# Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
+# Slope in px per px, on both sides of a pixel, from which on it is on a ramp in any frame.
 STEEP = off_round(1.5)
-# No surface goes through the range of radii of a frame within so many px, or within such a share of
-# the frame's shorter side; and the least slope of a soft edge, in px per px.
+# No surface spans all radii of a frame within this many px, or within this share of the frame's
+# shorter side; and the least slope of a soft edge, in px per px.
 WITHIN, WITHIN_FRACTION, MINIMUM = 60, 1 / 4, off_round(0.15)
-# Least step of a hard edge, as a multiple of this slope; the greatest slope beside it, and the
-# least step within 8 px of it that is no foot of a ramp, as a share of the step.
+# Least step of a hard edge, as a multiple of the slope of soft edges; greatest slope beside it, as
+# a share of the step, below which smaller steps nearby are also ignored.
 HARD_STEP, LEVEL = off_round(2.0), off_round(0.25)
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
 _FOOT_PX, FOOT_FRACTION = 10, off_round(0.3)
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
-# in px by which steps are as steep.
+# in px up to which two steps count as equally steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
-# Px from which a pixel whose path does not leave the ramp takes the ends of other paths.
+# Distance in px up to which a pixel whose path does not leave the ramp takes the ends of others.
 _BETWEEN_PATHS = 4
-# Longer side in px of a picture in which wide ramps are looked for; least shorter one of any level.
+# Longer side in px of the reduced picture in which wide ramps are looked for; least shorter side
+# in px of any reduced picture.
 _REDUCED, LEAST_SIDE = 640, 32
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
 
 
 def longest_ramp(edge_width: float | None) -> int:
-    """Px of the longest ramp that is an edge, given the width of edges if it is known."""
+    """The length in px of the longest ramp that is an edge; `edge_width` in px, None if unknown."""
     return _LONGEST if edge_width is None else max(1, math.ceil(edge_width))
 
 
 def around_ramps(edge_width: float | None) -> int:
-    """Distance in px up to which pixels change the result of `without_ramps` at a pixel."""
+    """Distance in px up to which other pixels affect the result of `without_ramps` at a pixel."""
     longest = longest_ramp(edge_width)
     return longest + max(_FOOT_PX, longest // 2) + 4
 
@@ -66,13 +68,13 @@ def without_ramps(
     edge_width: float | None = None,
     scale: DistanceScale | None = None,
 ) -> Tensor:
-    """Radii [H, W] px with steps in the place of ramps.
+    """Radii [H, W] px in which ramps are replaced by steps.
 
     Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
-    In distance, far slopes are steep, too; far slopes stay if their radii change slowly.
+    With a scale of distance, far slopes are steep, too, but stay if their radii change slowly.
 
-    `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
-    distance, if ramps are ramps of distance; None if they are of disparity.
+    `edge_width`: width of the widest edges in px, None for 16 px; `scale`: the scale of distance,
+    if the ramps are linear in distance; None if they are linear in disparity.
     """
     found = _ends_of_ramps(signed_radius, steep, edge_width, scale)
     if found is None:
@@ -103,9 +105,9 @@ def _ends_of_ramps(
     if scale is not None:  # a level of distance is many px of radius near the lens
         ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
     foot, ramp = ramp, core > 0
-    for _ in range(foot_of):  # what lies beside it without a link is another surface
+    for _ in range(foot_of):  # a foot that is not connected to the ramp is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
-    # left as it is, the pixel beyond the foot would stand beside a step that there was not
+    # without it, the pixel beyond the foot would keep its radius and make a new step
     ramp |= extreme_around(ramp, 1, torch.maximum) & (slope > FOOT_FRACTION / 3 * greatest)
     at, (H, W) = positions_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
@@ -129,7 +131,7 @@ def _ends_of_ramps(
 
 
 def without_wide_ramps(signed_radius: Tensor, steep: float, scale: DistanceScale | None) -> Tensor:
-    """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
+    """Radii [H, W] px in which the ramps that show in the reduced picture are replaced by steps.
 
     A network sees a small picture, and its depth is enlarged: a ramp over the same share of a
     picture becomes a step at any resolution.
@@ -142,7 +144,7 @@ def without_wide_ramps(signed_radius: Tensor, steep: float, scale: DistanceScale
     if found is not None:
         flat = coarse.flatten()
         ends[:, found[0]] = torch.stack([flat[found[1]], -flat[found[2]]])
-    # beside the pixels of a ramp it ends between two pixels of the reduced picture
+    # a ramp may extend by less than a reduced pixel beyond those found
     ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
 
     places = [
@@ -156,25 +158,25 @@ def without_wide_ramps(signed_radius: Tensor, steep: float, scale: DistanceScale
 
 
 def reduction(size: Sequence[int]) -> int:
-    """The ratio of the size of a picture (height, width) to one in which all ramps are examined."""
+    """The factor, 1 or more, by which a picture (height, width) is reduced to find wide ramps."""
     return max(1, min(max(size) // _REDUCED, min(size) // LEAST_SIDE))
 
 
 def reduced(signed_radius: Tensor, by: int) -> Tensor:
-    """Radii [H, W] px sampled at a regular step, symmetric about the middle of the picture."""
+    """Every `by`-th row and column of radii [H, W] px, symmetric about the picture's middle."""
     first = [(size - 1) % by // 2 for size in signed_radius.shape]
     return signed_radius[first[0] :: by, first[1] :: by].detach()
 
 
 def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
-    """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
+    """Flat indices [n] of the pixels where the paths of steepest descent from n pixels end.
 
-    Of equally steep neighbours the one with the lower end is taken, so that rounding decides
+    Of equally steep neighbours the one whose path ends lower is taken, so that rounding decides
     nothing. A path ends at a pixel that is not in `index`.
 
-    `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
-    [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
-    `longest`: most px of a path.
+    `values`: [H * W]; `lows`: [H * W], the values by which ends are compared; `around`: [n, 9] flat
+    indices of the 3×3 pixels around each pixel; `index`: [n] flat indices of the pixels; `longest`:
+    greatest length of a path in px.
     """
     beside = values[around]
     steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
@@ -187,9 +189,10 @@ def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longe
 
 
 def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) -> Tensor:
-    """The ends [2, n] of ramps, those of -1 replaced by the outermost ends of the paths beside.
+    """The ends [2, n] of ramps, with missing ones, -1, taken from neighbouring paths.
 
-    A pixel without ends, beside no path with ends, is its own end. Arguments as for `_path_end`.
+    A pixel takes the outermost ends of the paths up to 4 px away; if there are none, it is its own
+    end. Arguments are as for `_path_end`.
     """
     missing = ends[0] < 0
     of_pixel = torch.arange(len(values), device=values.device).repeat(2, 1)
@@ -207,9 +210,10 @@ def _ends_beside(values: Tensor, around: Tensor, index: Tensor, ends: Tensor) ->
 
 
 def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
-    """The lowest pixels [n] around the ends [n] of paths, as levels may end a path too soon.
+    """Flat indices [n] of the lowest pixels next to the ends `at` [n] of paths.
 
-    Of equally low pixels, one that is on no ramp [H, W] is taken.
+    They differ from the ends where equal values stop a path too soon. Of equally low pixels, one
+    that is not on a ramp [H, W] is preferred.
     """
     row = at.div(ramp.shape[1], rounding_mode="floor")
     size = ramp.shape[0], ramp.shape[1]
@@ -219,7 +223,7 @@ def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
 
 
 def softness(slope: Tensor) -> Tensor:
-    """The slope [H, W] in the middle of ramps that are several px wide and long; 0 elsewhere.
+    """The slope [H, W] at inner pixels of ramps that are several px wide and long; 0 elsewhere.
 
     `slope`: [H, W] px per px, of all ramps, from `steepness`.
     """
@@ -227,19 +231,19 @@ def softness(slope: Tensor) -> Tensor:
 
 
 def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> float:
-    """The least slope in px per px of a soft edge in a frame with radii from least to most px.
+    """The least slope in px per px of a soft edge in a frame.
 
-    `minimum`: least radius in px; `maximum`: greatest radius in px; `size`: (height, width) of the
-    frame.
+    `minimum`, `maximum`: least and greatest radius of the frame in px; `size`: its (height, width).
     """
     within = min(WITHIN, WITHIN_FRACTION * min(size))
     return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
 
 
 def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
-    """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges.
+    """The number of hard edges: large steps from one pixel to the next between level surfaces.
 
-    `signed_radius`: [H, W] px; `steep`: least slope of a soft edge in px per px.
+    `signed_radius`: [H, W] px; `steep`: least slope of a soft edge in px per px; `scale`: the scale
+    of distance, in which a step must then be large, too.
     """
     count = torch.zeros((), dtype=torch.long, device=signed_radius.device)
     for dim in (-1, -2):
@@ -256,8 +260,8 @@ def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None 
 def steepness(signed_radius: Tensor) -> Tensor:
     """The slope of ramps at pixels [H, W] in px per px; 0 where there is no ramp.
 
-    The lesser slope of both sides of a pixel, where both go up or both go down, along the steeper
-    axis: 0 beside a hard edge.
+    Along each axis it is the smaller of the slopes before and after the pixel if both rise or both
+    fall, else 0, as beside a hard edge; the greater of both axes counts.
     """
     r = signed_radius.detach()
     slope = torch.zeros_like(r)
@@ -272,19 +276,19 @@ def steepness(signed_radius: Tensor) -> Tensor:
     return slope
 
 
-# Radii less than this many px from the radius of infinity count as infinitely far.
+# Radii within this many px of the radius at infinity count as infinitely far.
 INFINITE = 2.0**-12
 
 
 class DistanceScale(NamedTuple):
-    """The distances of a frame, as px that span the same range as its radii."""
+    """A linear scale of distance in px, which span the same range as the radii of a frame."""
 
     infinity: float  # signed radius in px at infinity
     nearest: float  # px of radius between infinity and the nearest surface of the frame
     farthest: float  # px of radius between infinity and the farthest surface of the frame
 
     def distances(self, radii: Tensor) -> Tensor:
-        """Distances of radii [H, W] px; 0 px for the nearest surface."""
+        """Distances [H, W] in px of radii [H, W] px; 0 px for the nearest surface."""
         by_distance = self.nearest * self.farthest
         distance = distance_of(radii, self.infinity)
         return distance * by_distance - self.farthest
@@ -294,16 +298,19 @@ class DistanceScale(NamedTuple):
         return DistanceScale(*(px * factor for px in self))
 
     def rescaled(self, scale: float, infinity: float) -> DistanceScale:
-        """The scale of the same distances for radii `scale` times as far from another infinity."""
+        """The scale of the same distances through another lens.
+
+        `scale`: factor on the differences of radii; `infinity`: that lens's signed radius in px at
+        infinity.
+        """
         return DistanceScale(infinity, self.nearest * scale, self.farthest * scale)
 
 
 def distance_scale(minimum: float, maximum: float, infinity: float | None) -> DistanceScale | None:
-    """The scale of distance of a frame.
+    """The scale of distance of a frame; None if its distances are unknown, infinite or all equal.
 
     `minimum`: least radius in px; `maximum`: greatest radius in px; `infinity`: signed radius in px
-    at infinity; None if that is not known. Returns None if distance is not known,
-    infinite somewhere, or the same everywhere.
+    at infinity; None if that is not known.
     """
     if infinity is None or not INFINITE < infinity - maximum < infinity - minimum:
         return None
@@ -311,21 +318,21 @@ def distance_scale(minimum: float, maximum: float, infinity: float | None) -> Di
 
 
 def distance_of(radii: Tensor, infinity: Scalar) -> Tensor:
-    """Distances of radii in px: 1 / (infinity - radius), in 1/px."""
+    """Distances of radii in px, up to a factor: 1 / (infinity - radius), in 1/px."""
     return (infinity - radii).clamp(min=INFINITE).reciprocal()
 
 
 def radius_from_relative_disparity(
     disparity: Tensor, focus: float, max_radius: float, reach: float | None = None
 ) -> Tensor:
-    """Signed radius of the circle of confusion by disparity of unknown scale and offset.
+    """Signed radius of the circle of confusion from disparity of unknown scale and offset.
 
     The radius of a thin lens is linear in disparity: r = R (d_f − d) / max |d_f − d|.
 
     Args:
         disparity: d, any shape, greater nearer; of any scale, with any offset.
-        focus: d_f, what is in focus.
-        max_radius: R, of the most blurred pixel, px.
+        focus: d_f, the disparity in focus.
+        max_radius: R, radius in px of the most blurred pixel.
         reach: max |d_f − d|; None for that of `disparity`.
 
     Returns:

@@ -31,7 +31,8 @@ from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.ties import off_round
 from defocus_core.tensors.validation import number, one_of
 
-# Range of the radii of a frame, in the smallest steps whose edges are as wide as is said.
+# With a given width of edges, a frame's range of radii holds this many of the smallest steps whose
+# edges become steps.
 _SMALL_STEPS = 3
 
 
@@ -47,9 +48,9 @@ def repair_depth(
     matte: Tensor | None = None,
     reach: float = 0.0,
 ) -> tuple[Tensor, DepthRepair]:
-    """The signed radii by which `render` renders a picture, and the repair that made them.
+    """The repaired signed radii by which `render` renders a picture, and the repair that was made.
 
-    Noise comes first, for it hides everything else; then edges, then quantisation.
+    Noise is removed first, as it hides other faults; then edges are mended, then quantisation.
 
     Args:
         signed_radius: [H, W] px.
@@ -58,10 +59,10 @@ def repair_depth(
         threads: Number of bands of rows computed at once.
         depth_repair: As for `render`.
         edge_width: As for `render`.
-        decided: The repair, where it is known already; None to find it.
+        decided: The repair to make, if it is already known; None to find it.
         matte: As for `render`.
-        reach: Px by which edges may be displaced; at least a hundredth of the longer side of
-            the picture.
+        reach: Px by which edges may be displaced; at least a hundredth of the longer side of the
+            picture.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -139,7 +140,10 @@ def check_repair(depth_repair: str, edge_width: float | None) -> None:
 
 
 def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[float, float | None]]:
-    """Least slope and greatest width of the ramps that become steps, one kind after another."""
+    """Yield (least slope in px per px, greatest width in px) of each kind of ramp to make a step.
+
+    A width of None is unknown.
+    """
     averaged = repair.antialiased
     if repair.soft_edges is not None:
         yield repair.soft_edges, AVERAGED if averaged else edge_width
@@ -148,7 +152,10 @@ def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[floa
 
 
 def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> DepthRepair:
-    """The repair that was found, with the width of soft edges that the caller gave."""
+    """The given repair with the width of soft edges set to `edge_width`, if the caller gave one.
+
+    A width of 0 leaves edges as they are. `radii`: [H, W] px.
+    """
     if edge_width is None:
         return repair
     if edge_width == 0:
@@ -191,7 +198,7 @@ def diagnose_depth(
 def _diagnosed(
     signed_radius: Tensor, infinity: float | None, threads: int
 ) -> tuple[Tensor, DepthRepair]:
-    """Radii [H, W] px without noise, and the repair that given and noise-free radii need."""
+    """Radii [H, W] px without noise, and the repair that they need, which includes the noise."""
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair
@@ -200,25 +207,25 @@ def _diagnosed(
 
 
 def _muted(signed_radius: Tensor, noise: float | None, threads: int) -> Tensor:
-    """Radii [H, W] px without noise of a standard deviation in px."""
+    """Radii [H, W] px without noise of the given standard deviation in px; None for no noise."""
     if noise is None:
         return signed_radius
     muted = partial(without_noise, noise=noise)
     return repaired(signed_radius, muted, AROUND, threads=threads)
 
 
-# Half width in px of the square in which the silhouette, and the radii of its sides, are found.
+# Half width in px of the square in which the radii on both sides of a matte's silhouette are found.
 _AROUND_MATTE = 8
-# Px by which a subject may be farther than the rest and is taken as nearer: on a slope both are as
-# near, and rounding would decide.
+# A subject counts as nearer even if it is this many px farther than the rest: on a slope both are
+# equally near, and rounding would decide.
 _NEARER = off_round(0.03)
 
 
 def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
-    """Radii [H, W] px whose edges are those of a matte [H, W], where its sides differ in depth.
+    """Radii [H, W] px whose edges lie at those of a matte [H, W], where its sides differ in depth.
 
-    A pixel beside the silhouette gets the extreme radius of its own side, as soft depth lies
-    between both sides.
+    As soft depth near the silhouette lies between both sides, a pixel gets an extreme radius of its
+    own side nearby: the least if it is the nearer one, else the greatest.
     """
     subject = matte >= SUBJECT
     of_subject, of_rest = (_ends_around(signed_radius, mask) for mask in (subject, ~subject))
@@ -232,7 +239,7 @@ def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
 
 
 def _ends_around(signed_radius: Tensor, mask: Tensor) -> Tensor:
-    """The least and the greatest radius [2, H, W] px in the square around each, within a mask.
+    """The least and greatest radius [2, H, W] px in the square around each pixel, within a mask.
 
     Both are infinite where the mask [H, W] has no pixel.
     """

@@ -1,6 +1,6 @@
-"""One repair of depth for all frames of a shot, as decisions for single frames could flicker.
+"""One repair of depth for all frames of a shot, as separate decisions could flicker.
 
-Radii of one scene through two lenses differ by a factor and a shift, as both are affine in
+Radii of one scene through two lenses differ by a factor and an offset, as both are affine in
 disparity. So thresholds in px of radius are multiplied by this factor.
 """
 
@@ -14,7 +14,10 @@ from defocus_core.depth.ramps import MINIMUM, STEEP
 
 
 def agreed_repair(repairs: Sequence[DepthRepair]) -> DepthRepair:
-    """The repair that most frames of one lens need, with the median of each value."""
+    """One repair for all frames through a lens.
+
+    Each field is set if most frames set it, to the median of their values.
+    """
     names, defaults = DepthRepair._fields, DepthRepair._field_defaults
     of_each = ([getattr(repair, name) for repair in repairs] for name in names)
     agreed = map(_median, of_each, map(defaults.get, names))
@@ -22,16 +25,16 @@ def agreed_repair(repairs: Sequence[DepthRepair]) -> DepthRepair:
 
 
 def _median(values: Sequence[Any], otherwise: Any) -> Any:
-    """The lower median of the values if most frames have one."""
+    """The lower median of the values that are not None or False, if most are; else `otherwise`."""
     there = sorted(value for value in values if value is not None and value is not False)
     return there[(len(there) - 1) // 2] if 2 * len(there) > len(values) else otherwise
 
 
 def repair_through(repair: DepthRepair, factor: float, infinity: float | None) -> DepthRepair:
-    """The repair of a frame for another lens.
+    """The repair found for a frame through one lens, converted to another lens.
 
-    `factor`: radii through that lens as multiples of those through the lens of the frame;
-    `infinity`: signed radius in px at infinity; None if that is not known.
+    `factor`: ratio of differences of radii through the other lens to those through the first;
+    `infinity`: signed radius in px at infinity through the other lens; None if that is not known.
     """
     shifts, ramps_of = repair.edge_shifts, repair.ramps_of
     if ramps_of is not None and infinity is not None:
@@ -46,5 +49,5 @@ def repair_through(repair: DepthRepair, factor: float, infinity: float | None) -
 
 
 def _slope_through(slope: float | None, factor: float) -> float | None:
-    """The least slope of soft edges for the frame of another lens."""
+    """The least slope of soft edges through another lens, within its bounds; None stays None."""
     return None if slope is None else min(STEEP, max(MINIMUM, slope * factor))

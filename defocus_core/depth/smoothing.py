@@ -3,8 +3,8 @@
 Noise: a surface in focus would have holes where its radii scatter. A pixel that seems out of focus
 among sharp pixels spreads its light, and the far background would show in the gap. Scatter from
 pixel to pixel all over a frame, smaller than the steps between surfaces, is noise of a sensor or of
-stereo matching, not shape. Each pixel gets the mean of the pixels around it that are about as near.
-They count in pairs from both sides of the pixel, so that slopes stay.
+stereo matching, not shape. Each pixel gets the mean of the pixels around it that have about the
+same radius. These count in pairs, on opposite sides of the pixel, so that slopes stay.
 
 Terraces: an 8-bit depth map shows a slope in steps. No surface ends where the radius steps by up to
 a pixel, but a step of nearly a pixel would leave a gap as wide, and the far background would show
@@ -29,12 +29,12 @@ SCATTER, FRACTION = off_round(0.02), 0.1
 _INTERVALS = 48
 # Median distance from the mean of two neighbours, in standard deviations of the noise.
 _MEDIAN = 1.1606
-# Difference in standard deviations, and in px, from which on a pixel is of another surface; and the
-# greater one, in standard deviations, for a pixel that has no other near pixel.
+# Difference from which on a pixel is of another surface, in standard deviations and in px; and a
+# greater one, in standard deviations, for a pixel without any pixel of about its radius around it.
 _SURE, _MAXIMUM, _ALONE = 4.0, off_round(3.5), 6.0
 # Radius in px of the disc whose pixels are averaged, and the number of rounds.
 _NEAR, _ROUNDS = 2, 2
-# Px around a pixel that decide what it becomes without noise or terraces.
+# Distance in px up to which pixels affect the result of `without_noise` and `without_terraces`.
 AROUND = _NEAR * _ROUNDS
 # Half of the disc's offsets; the other half lies opposite.
 _HALF = [
@@ -48,14 +48,15 @@ _OUTSIDE = 1e18
 
 
 def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
-    """Histogram [_INTERVALS + 3] of scatter in rows of a frame.
+    """Histogram [_INTERVALS + 3] of how far radii scatter in rows of a frame.
 
-    First the count of pixels with a neighbour beyond a step between surfaces; then the others, by
-    their distance from the mean of both neighbours along an axis, 0 for a pixel between both in
-    radius, as on slopes and terraces.
+    The first count is of pixels that differ from a neighbour by more than a step between surfaces.
+    The other pixels are counted by their distance from the mean of both neighbours along an axis; a
+    pixel with a radius between those of both neighbours, as on slopes and terraces, counts as 0.
 
-    `steps`: differences in px of each pixel and the next of a band [h, W], down and across; the
-    band has the counted rows and at least the rows of the frame beside them.
+    `steps`: differences in px from each pixel of a band [h, W] to the next, down and across;
+    `rows`: (first, end) of the counted rows in the band, which also has the rows of the frame next
+    to them.
     """
     down, across = steps
     first, end = max(rows[0], 1), max(min(rows[1], across.shape[0] - 1), 1)
@@ -78,8 +79,8 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
 def noise_from(counts: list[int]) -> float | None:
     """The standard deviation in px of the noise of a frame; None if there is none.
 
-    Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
-    look the same once it is blurred.
+    `counts`: from `scatter_counts`, summed over the frame. Scatter over much of a frame is taken
+    for noise, whatever it is: relief as fine as noise would look the same once it is blurred.
     """
     apart, alike, *noisy = counts
     together = alike + sum(noisy)
@@ -106,7 +107,7 @@ def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
 
 
 def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
-    """Means [H, W] px of similar radii around each pixel, and where no radius is similar.
+    """Means [H, W] px of similar radii around each pixel, and whether no radius is similar [H, W].
 
     `radii`: [H, W] px; `maximum`: [H, W] px, the greatest difference of a similar radius.
     """
@@ -125,9 +126,9 @@ def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
     return radii + total / count, count == 1
 
 
-# Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
-# least share within one surface, and the least share of these with a step that matters; and the
-# bounds on the number of different radii.
+# Diagnosis of quantised depth. Least share of neighbours that are equal; among unequal neighbours,
+# least share with a step of at most MOST px, and with one between LEAST and MOST px. Number of
+# different radii: more than the first, at most the second.
 ALIKE, SMALL, MATTERS = 0.5, 0.5, 0.03
 FEW, _MANY = 32, 256
 # Least and greatest step in px between terraces.
@@ -135,9 +136,9 @@ LEAST, MOST = off_round(0.2), off_round(1.0)
 
 
 def steps_of(sizes: list[Tensor]) -> Tensor:
-    """The numbers [2, 4] of steps: all, zero, too small to matter, too small for an edge.
+    """Counts [2, 4] of the steps down and across: all, zero, at most LEAST px, at most MOST px.
 
-    `sizes`: [H, W] of steps in px from each pixel of a part of a frame to the next, down and
+    `sizes`: sizes in px of the steps from each pixel of a part of a frame to the next, down and
     across.
     """
     larger = [
@@ -155,7 +156,7 @@ def steps_of(sizes: list[Tensor]) -> Tensor:
 def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
     """Whether the depth of a frame has few levels.
 
-    `signed_radius`: [H, W] px of the frame.
+    `steps`: counts from `steps_of`, summed over the frame; `signed_radius`: [H, W] px of the frame.
     """
     for count, same, minimum, small in steps:
         if same <= ALIKE * count:
@@ -167,20 +168,20 @@ def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
 
 
 def _levels(rows: Tensor) -> Tensor:
-    """The different radii [n] of pixels in rows [H, W] that equal the next ones.
+    """The different radii [n] in `rows` [H, W] of pixels that equal those to the right and below.
 
     These radii are the levels of the map, without averages of levels on edges.
     """
     across, down = rows.diff(dim=1)[:-1].bool(), rows.diff(dim=0)[:, :-1].bool()
     goes_on = ~(across | down)
-    begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long
+    begins = goes_on.clone()  # only the first of consecutive equal ones, as sorting takes long
     begins[:, 1:] &= ~goes_on[:, :-1]
     levels: Tensor = torch.unique(rows[:-1, :-1].flatten()[flat_nonzero(begins)])
     return levels
 
 
 def without_terraces(signed_radius: Tensor) -> Tensor:
-    """Radii [H, W] px with slopes in the place of small steps."""
+    """Radii [H, W] px in which small steps of slopes are smoothed."""
     radii, maximum = signed_radius, torch.full_like(signed_radius, MOST)
     for _ in range(_ROUNDS):
         radii, _ = _smoothed(radii, maximum)

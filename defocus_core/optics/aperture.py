@@ -38,13 +38,13 @@ _RANGES = {
 }
 # Smaller radii are drawn as this one: far below half a pixel the kernel no longer changes.
 _MIN_RADIUS = 1e-6
-# Blurs wider than a grid by less than this share fit it; the light of wider ones is summed over so
-# many coarse pixels across the pupil.
+# A blur that is wider than the grid by less than the first share still fits it; the light of wider
+# blurs is summed over the second number of coarse pixels across the pupil.
 _FITS, _COARSE = 1e-6, 64
-# The least light that spherical aberration leaves: a small disc may have one sample, which would
-# else be dark.
+# The least factor of spherical aberration on light: a small disc may have a single sample, which
+# would otherwise be dark.
 _MIN_LIGHT = 0.01
-# Radius in px of the kernel that is summed; radius of the smaller of two kernels for a centroid.
+# Radius in px of the kernel that `_fraction_seen` sums, and of the smaller of two in `_centroid`.
 _SUMMED_RADIUS = 48.0
 
 
@@ -58,18 +58,23 @@ class Aperture:
             for points beyond focus.
         psf_type: "pillbox", constant inside the outline as a lens is, or "gaussian",
             exp(-d² / 2 r²) inside the outline.
-        curvature: 1 / radius of the blades' edges: 0 is straight, 1 is the disc.
-        obstruction: Radius of an opaque disc in the middle, as a mirror lens has.
-        spherical: Spherical aberration to first order, light of 1 + k (2 |u|² - 1), k of this size:
-            above 0 it is a bright ring beyond focus and a soft middle nearer than focus.
+        curvature: Curvature of the blades' edges, 1 / radius in lens radii: 0 is straight, 1 is the
+            disc.
+        obstruction: Radius of an opaque disc in the middle, as a mirror lens has, 0 to 0.95 of the
+            lens radius.
+        spherical: First-order spherical aberration k, -1 to 1. Light at u is multiplied by
+            1 + k (2 |u|² - 1) beyond focus, and by 1 - k (2 |u|² - 1) nearer than focus. A positive
+            k gives a bright ring beyond focus and a bright middle nearer than focus.
         image: A picture of the pupil instead of blades.
-        squeeze: How many times the pupil is taller than wide; below 1 it is wider than tall. The
-            longer half axis is the CoC radius.
+        squeeze: Height of the pupil divided by its width, 0.05 to 40. The longer half axis is the
+            CoC radius.
 
-    The numbers from curvature on may be tensors of one number, and gradients flow to them.
+    Curvature, obstruction, spherical and squeeze may be tensors of one number, and gradients flow
+    to them.
 
     Raises:
-        ValueError: If an attribute is not one of the above.
+        ValueError: If an attribute is outside its range, there is a curvature without blades, there
+            are both blades and an image, or the obstruction reaches the blades.
     """
 
     blades: int = 0
@@ -111,12 +116,14 @@ class Aperture:
             raise ValueError(f"{problem}; more or rounder blades leave more open")
 
     def _number(self, name: str) -> float:
-        """An attribute as a plain number."""
         return number(name, getattr(self, name))
 
     @cached_property
     def outline(self) -> Outline:
-        """The outline of the pupil; a new shape of pupil is a new class of outline, chosen here."""
+        """The outline that the attributes describe.
+
+        A new shape of pupil is a new subclass of `Outline`, which is chosen here.
+        """
         shape: Outline = Polygon(self.blades, self.rotation) if self.blades else Disc()
         if self.image is not None:
             shape = self.image
@@ -130,19 +137,19 @@ class Aperture:
 
     @property
     def narrowing(self) -> tuple[Scalar, Scalar]:
-        """The factors by which the pupil is narrower than the CoC along x and y, 1 or more."""
+        """How many times the pupil is narrower than the CoC along x and along y, each 1 or more."""
         tall = bool(self.squeeze >= 1)
         return (self.squeeze, 1.0) if tall else (1.0, 1 / self.squeeze)
 
     @property
     def requires_grad(self) -> bool:
-        """Whether gradients flow to an attribute, so that nothing may be cached."""
+        """Whether gradients flow to an attribute; what depends on them is then not cached."""
         values = (getattr(self, name) for name in _RANGES)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
 
     @property
     def fixed(self) -> Aperture:
-        """The same pupil with plain numbers in place of tensors, as a key of caches."""
+        """The same pupil with plain numbers in place of tensors, to serve as a key of caches."""
         learnt: dict[str, Any] = {
             name: float(value.detach())
             for name in _RANGES
@@ -164,7 +171,8 @@ class Aperture:
             size: Number of pixels on a side. The centre is at (size - 1) / 2 on both axes, for an
                 even size the corner between the four middle pixels.
             part: The part of the pupil to draw, turned with the pupil where radius < 0.
-            view: The pupil as points of the frame see it, if it changes over the frame.
+            view: The rim that clips the pupil, as seen from one point of the frame for each radius;
+                None if nothing clips it.
 
         Returns:
             [*radius.shape, size, size], y down then x to the right, in radius' dtype.
@@ -207,7 +215,10 @@ class Aperture:
         return light.to(radius.dtype)
 
     def _light(self, u: Tensor, r: Tensor, part: Part, view: Rim | None) -> Tensor:
-        """Light [..., n - 1, n - 1] of pixels with corners u [..., n], not normalised."""
+        """Light [..., n - 1, n - 1], not normalised, of pixels with corners at lens points u.
+
+        u is [..., n]. Spherical aberration depends on the sign of the signed radii r [...].
+        """
         x, y = part.clamp(u, u)
         light = self.outline.areas(x, y)
         # a grey pixel of a picture is not a border
@@ -221,16 +232,19 @@ class Aperture:
         return light if view is None else light * view.left_open(areas, x, y, self.narrowing)
 
     def _of_outline(self, weigh: Any, part: Part) -> Scalar:
-        """The area or weight of a part, cached unless gradients flow to attributes."""
+        """`weigh`, which is `area_of` or `weight_of`, of a part.
+
+        It is cached unless gradients flow to the pupil.
+        """
         outline = self.outline if self.requires_grad else self.fixed.outline
         weight: Scalar = (weigh.__wrapped__ if self.requires_grad else weigh)(outline, part)
         return weight
 
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
-        """The factor [..., n - 1, n - 1] of light by spherical aberration, in the middle of pixels.
+        """The factor [..., n - 1, n - 1] of spherical aberration on light, at the middle of pixels.
 
-        A ray at height h ends at r (h + k h³); to first order the light changes with the square of
-        h.
+        u [..., n] are the corners of pixels as lens points, r [...] signed radii. A ray at height h
+        ends at r (h + k h³); to first order the light changes with the square of h.
         """
         x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
@@ -238,13 +252,13 @@ class Aperture:
         return light.clamp(min=_MIN_LIGHT)
 
     def fraction(self, part: Part) -> Scalar:
-        """The share of the pupil that lies in a part, which is the weight of the part in the whole.
+        """The share of the pupil's area that lies in a part: its weight when parts are averaged.
 
-        The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
-        the whole. LEFT and RIGHT of an asymmetric pupil differ (48.9 : 51.1 % for five blades at
-        0°): the centre is the mean of the parts, or of the pair, by these weights. For a gaussian
-        pupil it is the share of the weight, to about 1e-6. It is a number unless gradients flow to
-        the pupil.
+        With these weights, the mean of the kernels of parts that tile the pupil is the kernel of
+        the whole, and the mean of the left and right views is the centre view. LEFT and RIGHT of an
+        asymmetric pupil differ (48.9 : 51.1 % for five blades at 0°). For a gaussian pupil it is
+        the share of light instead, to about 1e-6. Returns a number, or a tensor if gradients flow
+        to the pupil.
         """
         if part.sensitivity is not None:
             seen = _fraction_seen.__wrapped__ if self.requires_grad else _fraction_seen
@@ -255,17 +269,21 @@ class Aperture:
         return self._of_outline(weigh, part) / self._of_outline(weigh, FULL)
 
     def fraction_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
-        """The share [...] of a part's area within x [..., 2] and y [..., 2], both ascending."""
+        """The share [...] of a part's area that lies in rectangles of lens coordinates.
+
+        x [..., 2] are the left and right sides of the rectangles, y [..., 2] the upper and lower
+        ones.
+        """
         area = self._of_outline(area_of, part)
         return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / area
 
     def parts(self, count: int) -> list[Part]:
-        """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
+        """The parts into which the pupil is cut, those of the LEFT half before those of the RIGHT.
 
         Two parts are the halves; four are the halves halved again by area. Sixteen lie on a grid
-        that a quarter turn maps to itself; parts of hardly any area are left out. With spherical
-        aberration four are made for sixteen, as the weights of outer parts would depend on the sign
-        of r.
+        that a quarter turn maps to itself; parts with less than 0.1 % of the pupil's area are left
+        out. With spherical aberration, 16 gives four parts, as the weights of outer parts would
+        depend on the sign of r.
 
         Raises:
             ValueError: If count is not 1, 2, 4 or 16.
@@ -281,8 +299,16 @@ class Aperture:
     ) -> tuple[Scalar, Scalar]:
         """The mean lens point (u.x, u.y) of the light of a part.
 
-        The error is 1e-6 for a disc and up to 1e-4 for other pupils. Returns numbers, tensors if
-        gradients flow, or [n] for the n points of a view. `nearer`: for points nearer than focus.
+        The error is 1e-6 for a disc and up to 1e-4 for other pupils.
+
+        Args:
+            part: The part of the pupil.
+            nearer: Whether the light is that of points nearer than focus.
+            view: The rim that clips the pupil, as seen from n points of the frame; None if nothing
+                clips it.
+
+        Returns:
+            Two numbers; tensors if gradients flow to the pupil; tensors [n] if there is a view.
         """
         if self.requires_grad or view is not None:
             return _centroid.__wrapped__(self, part, nearer=nearer, view=view)
@@ -299,9 +325,10 @@ class Aperture:
 def _centroid(
     aperture: Aperture, part: Part, *, nearer: bool = False, view: Rim | None = None
 ) -> tuple[Scalar, Scalar]:
-    """The centroid extrapolated from kernels of two radii, as its error falls with their square.
+    """`Aperture.centroid`, extrapolated from kernels of two radii.
 
-    Kernels have an even size, so that the line between the halves runs between pixels.
+    The error of a kernel's centroid falls with 1 / radius². Kernels have an even size, so that the
+    line between the halves runs between pixels.
     """
     places = []
     first = _SUMMED_RADIUS / (1 if view is None else 2)  # a quarter of the time for many points
@@ -315,14 +342,14 @@ def _centroid(
 
 
 def _mean_place(kernel: Tensor) -> tuple[Tensor, Tensor]:
-    """The centroid of kernels [..., size, size] of sum 1, in px from the middle."""
+    """The centroids (x, y), in px from the middle, of kernels [..., size, size] that sum to 1."""
     offset = torch.arange(kernel.shape[-1], dtype=kernel.dtype) - (kernel.shape[-1] - 1) / 2
     return kernel.sum(-2) @ offset, kernel.sum(-1) @ offset
 
 
 @lru_cache(maxsize=256)
 def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
-    """The share of the pupil's light that a photodiode gets."""
+    """The share of the pupil's light that the photodiode of a part with a sensitivity gets."""
     r, size = torch.tensor(_SUMMED_RADIUS, dtype=torch.float64), 2 * int(_SUMMED_RADIUS) + 1
     corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
     seen = part.counted(corners / r, aperture.narrowing)
@@ -331,5 +358,5 @@ def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
 
 
 def _is(value: Scalar, number: float) -> bool:
-    """Whether an attribute is a plain number and equals `number`, at which it has no effect."""
+    """Whether a value is a plain number equal to `number`, never so for tensors (may be learnt)."""
     return not isinstance(value, Tensor) and value == number

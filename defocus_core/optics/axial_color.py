@@ -11,12 +11,13 @@ from defocus_core.tensors.validation import Scalar, number
 
 
 def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
-    """The px to add to the signed radii of the lens for those of a colour focused elsewhere.
+    """The px to add to a lens's signed radii for a colour that is focused at another distance.
 
-    The image of a point lies at v' behind the lens, and its circle on a sensor at v is
-    A (v - v') / v' across, signed. A colour whose images lie farther behind by a shift has circles
-    that are smaller by A shift / v at any depth. Beyond focus its disc is smaller, so that the
-    others make its rim; nearer than focus it is larger, and makes the rim.
+    The image of a point lies at v' behind the lens; on a sensor at v its circle has the signed
+    diameter A (v - v') / v'. If the images of a colour lie farther behind the lens by a shift, its
+    signed diameters are smaller by A shift / v at any depth. Beyond focus its disc is smaller than
+    those of the other colours, which then tint the rim; nearer than focus it is larger and tints
+    the rim itself.
 
     Args:
         lens: The lens, with its focus.
@@ -33,7 +34,19 @@ def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
 def channel_groups(
     offsets: Sequence[Scalar] | None, channels: int
 ) -> list[tuple[list[int], Scalar]]:
-    """Groups of channels that are rendered together, each with the px to add to its radii."""
+    """Group channels with equal offsets, which are rendered together.
+
+    Args:
+        offsets: px to add to the signed radii, a number for each channel; None for no offsets.
+        channels: The number of channels.
+
+    Returns:
+        (indices of channels, their offset) for each group. An offset in a tensor has its own group,
+        so that its gradient is its own.
+
+    Raises:
+        ValueError: If there is not one offset for each channel.
+    """
     if offsets is None:
         return [(list(range(channels)), 0.0)]
     if len(offsets) != channels:

@@ -1,4 +1,4 @@
-"""Cat's eyes: the rim of the barrel clips the pupil, more so farther from the middle.
+"""Cat's eyes: the rim of the barrel clips the pupil, more so farther from the middle of the frame.
 
 Light for the border of the frame passes the barrel obliquely, so that the rim and the pupil are not
 aligned. The part of the pupil that stays open has the shape of a cat's eye.
@@ -20,12 +20,13 @@ _LENGTHS = "lengths are in radii of the pupil"
 # The rim leaves at least this share of its radius open about the middle of the pupil.
 _MIN_OPEN = 0.1
 _TINY = 1e-12
-# Radius in px below which a clipped pupil is sampled in parts of a pixel; greatest number of parts.
+# Radius in px below which a clipped pupil is sampled more than once per pixel; most samples per
+# pixel and axis.
 _FINE_RADIUS, _MAX_FINE = 10.0, 16
 
 
 class Rim(NamedTuple):
-    """The rim of the barrel, as a point of the frame sees it before the pupil."""
+    """The rim of the barrel in front of the pupil, as one or more points of the frame see it."""
 
     size: Scalar  # its radius in radii of the pupil
     x: Scalar  # lens coordinate u.x of its middle, a number or [...], one for each point
@@ -33,17 +34,26 @@ class Rim(NamedTuple):
 
     @property
     def outline(self) -> Outline:
-        """The opening of the rim."""
+        """The outline of the rim's opening."""
         return _OffsetDisc(*self)
 
     def left_open(
         self, areas: Tensor, x: Tensor, y: Tensor, narrowing: tuple[Scalar, Scalar]
     ) -> Tensor:
-        """The share of the pupil's area in pixels [..., m - 1, n - 1] that the rim leaves open.
+        """The share of the pupil's area in each pixel that the rim leaves open.
 
-        Where the borders of pupil and rim cut the same pixel, the overlap is that of two lines
-        through the middle of the pixel at the same angle: the smaller area if they are parallel,
+        Where the borders of pupil and rim cut the same pixel, their overlap is computed as if both
+        were straight lines through the middle of the pixel: the smaller area if they are parallel,
         the product of the areas if they cross at right angles.
+
+        Args:
+            areas: Area of the pupil in each pixel, [..., m - 1, n - 1]; inf for a full pixel.
+            x: Lens coordinates of the pixels' vertical sides, [..., n].
+            y: Lens coordinates of the pixels' horizontal sides, [..., m].
+            narrowing: As `Aperture.narrowing`.
+
+        Returns:
+            Shares [..., m - 1, n - 1] in [0, 1].
         """
         opening = Squeezed(self.outline, *narrowing).areas(x, y)
         whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
@@ -61,7 +71,11 @@ class Rim(NamedTuple):
         return torch.where(is_open, both / torch.where(is_open, pupil, 1.0), 0.0)
 
     def _parallelism(self, x: Tensor, y: Tensor) -> Tensor:
-        """How parallel the borders of the pupil and of the rim are: -1 to 1."""
+        """How parallel the borders of pupil and rim are at lens points x [..., n], y [..., m].
+
+        Returns [..., m, n]: 1 for parallel borders with openings on the same side, 0 for borders at
+        right angles, -1 for parallel borders with openings on opposite sides.
+        """
         left, top = (
             middle[..., None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)
@@ -74,12 +88,12 @@ class Rim(NamedTuple):
 
     @property
     def points(self) -> int:
-        """The number of points that see the rim."""
+        """The number of points of the frame that see the rim."""
         return self.x.numel() if isinstance(self.x, Tensor) else 1
 
     @classmethod
     def concatenate(cls, rims: Sequence[Rim]) -> Rim:
-        """Rims of one size joined to a single rim, with the points of all."""
+        """One rim with the points of several rims, which all have the same size."""
         x, y = (
             torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in positions])
             for positions in zip(*((rim.x, rim.y) for rim in rims), strict=True)
@@ -87,21 +101,21 @@ class Rim(NamedTuple):
         return cls(rims[0].size, x, y)
 
     def select(self, which: Tensor | slice) -> Rim:
-        """The rim as seen by the points of the given indices; the size is common to all points."""
+        """The rim with only the points of the given indices."""
         x, y = (torch.as_tensor(position)[which] for position in (self.x, self.y))
         return self._replace(x=x, y=y)
 
 
 @dataclass(frozen=True)
 class _OffsetDisc(Outline):
-    """A disc of any size and place, cut to the square of lens points."""
+    """A disc of any radius and centre, in lens coordinates."""
 
     size: Scalar
     x: Scalar
     y: Scalar
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The area G of the unit disc, at x and y relative to this disc."""
+        """G(x, y) of this disc, scaled from that of the unit disc."""
         left, top = (
             middle[..., None, None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)
@@ -120,13 +134,14 @@ class CatEye:
         shift: Distance between the centres of rim and pupil at the corners of the frame, in radii
             of the pupil: the distance of the rim before the pupil, in these radii, times the
             tangent of the field angle.
-        vignetting: Whether corners are darker by the share of light that they lose.
-        pixel_aspect: The width of a pixel by its height.
+        vignetting: Whether the picture is darkened by the share of light that the rim blocks.
+        pixel_aspect: Width of a pixel divided by its height.
 
     Size and shift may be tensors of one number, and gradients flow to them.
 
     Raises:
-        ValueError: If nothing of the pupil's middle would be left at the corners.
+        ValueError: Unless size is positive and finite, and shift is at least 0 and at most 0.9 of
+            size, so that the middle of the pupil stays open.
     """
 
     size: Scalar = 1.0
@@ -142,14 +157,14 @@ class CatEye:
 
     @property
     def requires_grad(self) -> bool:
-        """Whether gradients flow to size or shift: then nothing of it may be cached."""
+        """Whether gradients flow to size or shift; what depends on them is then not cached."""
         values = (self.size, self.shift)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
 
     def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
-        """The rim that points of a frame (height, width) see, x and y px from its upper left.
+        """The rim as points of a frame (height, width) see it; x and y are px from the upper left.
 
-        The pupil is clipped on the side of the point: at the right border, where u.x > 0.
+        The rim clips the pupil on the side where the point lies: at u.x > 0 for the right border.
         """
         across, down = self._from_middle(x, y, frame)
         size, shift = (
@@ -165,9 +180,10 @@ class CatEye:
         return (x - width / 2) * self.pixel_aspect / corner, (y - height / 2) / corner
 
     def centre_distance(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
-        """Distance of the centres of rim and pupil for points, as `view`, in radii of the pupil.
+        """The distance between the centres of rim and pupil, in radii of the pupil.
 
-        The gradient to `shift` exists in the middle of the frame and at a shift of 0, too.
+        Arguments are as for `view`. The gradient to `shift` exists in the middle of the frame and
+        at a shift of 0, too.
         """
         rim = self.view(x, y, frame)
         distance = torch.hypot(torch.as_tensor(rim.x).detach(), torch.as_tensor(rim.y).detach())
@@ -180,7 +196,12 @@ class CatEye:
 
 
 def falloff(apart: Tensor, size: Scalar) -> Tensor:
-    """The share [...] of a round pupil that a rim leaves open, for centres `apart` radii apart."""
+    """The share [...] of a round pupil's area that a rim leaves open.
+
+    Args:
+        apart: Distance [...] between the centres of pupil and rim, in radii of the pupil.
+        size: Radius of the rim, in radii of the pupil.
+    """
     rim = torch.as_tensor(size, dtype=apart.dtype, device=apart.device)
     d, r = apart.detach().clamp(min=1e-9), rim.detach()
     first = ((d * d + 1 - r * r) / (2 * d)).clamp(-1, 1)
@@ -190,12 +211,12 @@ def falloff(apart: Tensor, size: Scalar) -> Tensor:
     fraction = (lens / math.pi).clamp(0, 1)
     if not (apart.requires_grad or rim.requires_grad):
         return fraction
-    # the share loses the common chord as they part, gains the arc as the rim grows: where circles
-    # touch, the formula's own derivative is 0/0
+    # derivatives of the area: minus the common chord by the distance, and the arc by the radius of
+    # the rim; where circles touch, the formula's own derivative is 0/0
     chord, arc = 2 * (1 - first * first).sqrt(), 2 * r * second.acos()
     return fraction + (arc * (rim - r) - chord * (apart - apart.detach())) / math.pi
 
 
 def fineness(radius: float) -> int:
-    """The number of samples per pixel and axis that a clipped blur of `radius` px needs."""
+    """The number of samples per pixel and axis for a blur of `radius` px that a rim clips."""
     return max(1, min(_MAX_FINE, math.ceil(_FINE_RADIUS / radius)))

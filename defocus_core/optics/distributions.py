@@ -1,8 +1,8 @@
 """Distributions from which options of a lens are drawn, and reproducible draws.
 
 A draw depends on its keys and the name of the option alone, not on other options, other pictures,
-the machine or the process. Numbers have six digits, so that machines whose logarithms round
-differently draw the same.
+the machine or the process. Numbers are rounded to six digits, so that machines whose logarithms
+round differently draw the same.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ KINDS = (*_RANGES, "choice")
 
 @dataclass(frozen=True)
 class Distribution:
-    """The distribution of an option.
+    """The distribution from which the value of a lens option is drawn.
 
     Attributes:
         kind: "uniform"; "loguniform", uniform in the logarithm; "disparity", uniform in 1/distance;
@@ -77,7 +77,10 @@ class Distribution:
 
 
 def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
-    """The value of each option, drawn from a distribution by keys such as a seed and a name."""
+    """The value of each option: drawn if it is a `Distribution`, else as given.
+
+    A draw depends on the keys, such as a seed and the name of a picture, and on the option's name.
+    """
     return {
         name: option.quantile(_fraction(*keys, name))
         if isinstance(option, Distribution)
@@ -94,5 +97,5 @@ def _fraction(*keys: object) -> float:
 
 
 def percentile_rank(percent: float, total: int) -> int:
-    """The rank, from 1, of a percentile among `total` numbers: the nearest rank at or above it."""
+    """The rank, 1 to `total`, of a percentile (0 to 100) among `total` numbers, rounded up."""
     return min(max(math.ceil(total * (percent / 100)), 1), total)

@@ -12,8 +12,8 @@ from defocus_core.optics.parts import LEFT, RIGHT, Part, Sensitivity
 from defocus_core.tensors.later import Tensor, torch
 from defocus_core.tensors.validation import Scalar, described, number, one_of
 
-# The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of
-# the pupil and 0 for the right, or (1 - u.x) / 2 throughout.
+# The share of the light at lens point u.x that the left photodiode gets: by "split", 1 in the left
+# half of the pupil and 0 in the right; by "smooth", (1 - u.x) / 2 everywhere.
 _HALVES: dict[str, tuple[Part, Part]] = dict(
     zip(DUAL_PIXEL_MODELS, ((LEFT, RIGHT), (Part(lean=-1.0), Part(lean=1.0))), strict=True)
 )
@@ -30,10 +30,10 @@ class DualPixel:
             Abuolaim et al., "Learning to reduce defocus blur by realistically modeling dual-pixel
             data", ICCV 2021. Or the name of a sensor that was measured, "@pixel4" or "@canon-dpp":
             one of these models with a crosstalk of its own.
-        measured: What the left and the right photodiodes see of a point beyond focus, by
-            `sensitivities` of kernels that were measured, instead of a model.
-        crosstalk: The share of its light that each gives to the other, below 0.5; a number, or a
-            tensor of one number that a gradient flows to.
+        crosstalk: The share of its light that each photodiode gives to the other, 0 or more and
+            below 0.5; a number, or a tensor of one number that a gradient flows to.
+        measured: The sensitivities of the left and of the right photodiode, made from measured
+            kernels by `sensitivities`; they replace the model.
 
     Raises:
         ValueError: If an attribute is not one of the above.
@@ -63,13 +63,16 @@ class DualPixel:
         return left, right
 
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
-        """`Aperture.kernel` of the centre, left and right images: [..., 3, size, size]."""
+        """Kernels of the centre, left and right images, in this order: [..., 3, size, size].
+
+        Each is an `Aperture.kernel`; left and right have crosstalk.
+        """
         left, right = (aperture.kernel(radius, size, part) for part in self.halves)
         centre = aperture.kernel(radius, size)
         return torch.stack([centre, *self.crossed(torch.stack([left, right]), centre)], -3)
 
     def crossed(self, pair: Tensor, centre: Tensor) -> Tensor:
-        """Left and right [2, C, h, w] with crosstalk, which keeps their mean, the centre."""
+        """The pair (left, right) [2, ...] with crosstalk added; their mean stays `centre` [...]."""
         apart = self.separation
         if isinstance(apart, float) and apart == 1:
             return pair
@@ -77,17 +80,25 @@ class DualPixel:
 
     @property
     def separation(self) -> Scalar:
-        """The distance between left and right with crosstalk, as a fraction of that without."""
+        """The distance between left and right, as a fraction of that without crosstalk."""
         own = DUAL_PIXEL_SENSORS[self.model][1] if self.model in DUAL_PIXEL_SENSORS else 0.0
         return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
 
     def disparity(
         self, aperture: Aperture, *, nearer: bool = False, view: Rim | None = None
     ) -> Any:
-        """The distance in px along x between the centroids of left and right per px of CoC radius.
+        """The x of the right centroid minus that of the left, in px per px of CoC radius.
 
-        It has the sign of the radius. Returns a number, or [n] for the n points of a view.
-        `nearer`: for points nearer than focus, which differ under spherical aberration.
+        It has the sign of the radius.
+
+        Args:
+            aperture: The pupil.
+            nearer: Whether points are nearer than focus, which matters with spherical aberration.
+            view: The rim that clips the pupil, as seen from n points of the frame; None if nothing
+                clips it.
+
+        Returns:
+            A number, or a tensor [n] if there is a view.
         """
         pupil = aperture.fixed
         left, right = (pupil.centroid(part, nearer=nearer, view=view)[0] for part in self.halves)

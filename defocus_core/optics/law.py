@@ -13,10 +13,10 @@ from typing import Any
 
 
 def coc_per_disparity(foclen: Any, fnum: Any, foc_dist: Any) -> Any:
-    """A v = f² / (N (1 - f / s)) in mm², of f and s in mm: the CoC for a disparity of 1 per mm."""
+    """A v = f² / (N (1 - f / s)) in mm², for f and s in mm: the CoC per disparity of 1 / mm."""
     return foclen * foclen / (fnum * (1 - foclen / foc_dist))
 
 
 def coc_of(per_disparity: Any, focus: Any, depth: Any) -> Any:
-    """The law: signed CoC in mm of depths in mm, given A v and 1/s, the disparity in focus."""
+    """The law: signed CoC in mm at a depth in mm, given A v in mm² and the focus as 1/s in 1/mm."""
     return per_disparity * (focus - 1 / depth)

@@ -32,12 +32,16 @@ class Outline(ABC):
 
     @abstractmethod
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of x [..., 1, n] and y [..., m, 1], up to terms in one of them alone."""
+        """The area G(x, y) left of x [..., 1, n] and above y [..., m, 1]: [..., m, n].
+
+        Terms of x alone or of y alone may be missing: they cancel in the differences of `areas`.
+        """
 
     def areas(self, x: Tensor, y: Tensor) -> Tensor:
-        """Areas [..., m - 1, n - 1] between consecutive x [..., n] and y [..., m], in [-1, 1].
+        """Areas [..., m - 1, n - 1] of the outline between consecutive x [..., n] and y [..., m].
 
-        Both ascend or both descend; the unit is the lens radius squared.
+        x and y lie in [-1, 1], and both ascend or both descend; the unit is the lens radius
+        squared.
         """
         x, y = x[..., None, :], y[..., :, None]
         areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)
@@ -72,7 +76,8 @@ class Polygon(Outline):
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """Green's theorem: the sum over edges of the integral of min(y, edge height) up to x.
 
-        The integral counts as positive on the edges that bound the polygon at large y.
+        The integral is added for edges that bound the polygon at large y, and subtracted for the
+        others.
         """
         total, width = torch.zeros_like(x), torch.zeros_like(x)  # width multiplies y
         for sign, left, right, height, slope in self._edges:
@@ -108,7 +113,7 @@ class Obstructed(Outline):
     ratio: Scalar  # radius of the opaque disc in radii of the lens, within [0, 1)
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The area of the outline without that of the disc."""
+        """G of the outline minus G of the opaque disc."""
         ratio = self.ratio if self.ratio > _MIN_RATIO else 1.0  # times 0, with gradient 0
         inner = Disc().cumulative_area((x / ratio).clamp(-1, 1), (y / ratio).clamp(-1, 1))
         return self.outline.cumulative_area(x, y) - self.ratio**2 * inner
@@ -123,7 +128,7 @@ class Squeezed(Outline):
     down: Scalar  # how many times it is narrower along y, 1 or more
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of the outline at widened x and y, divided by the narrowing."""
+        """G of the unsqueezed outline, at x and y times their factors, divided by both factors."""
         wide, high = (x * self.across).clamp(-1, 1), (y * self.down).clamp(-1, 1)
         return self.outline.cumulative_area(wide, high) / (self.across * self.down)
 
@@ -151,7 +156,7 @@ class CurvedPolygon(Outline):
     curvature: Scalar  # 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G within arcs; for nearly straight arcs interpolated towards that of straight edges.
+        """G of the area within the arcs; nearly straight arcs are interpolated from straight edges.
 
         Areas beside arcs of very large circles lose digits, and are linear in curvature there.
         """
@@ -165,7 +170,8 @@ class CurvedPolygon(Outline):
     def _within_arcs(self, x: Tensor, y: Tensor, radius: Tensor) -> Tensor:
         """The sum over arcs of the integral of min(y, height of the arc) up to x.
 
-        The integral counts as positive on arcs that bound the area at large y, as for `Polygon`.
+        It is added for arcs that bound the area at large y and subtracted for the others, as in
+        `Polygon`; `radius` is that of the arcs, in lens radii.
         """
         apothem, half = math.cos(math.pi / self.sides), math.sin(math.pi / self.sides)
         # from the middle of the pupil to the centre of an arc's circle; 0 or negative
@@ -205,13 +211,16 @@ def inradius(sides: int, curvature: float) -> float:
 
 
 def _upright(start: float, end: float) -> list[float]:
-    """Angles between two at which a circle is vertical; between them each x has one height."""
+    """Angles between `start` and `end` at which a circle is vertical.
+
+    Between two of them, the arc has one height at each x.
+    """
     first, last = math.floor(start / math.pi) + 1, math.ceil(end / math.pi) - 1
     return [k * math.pi for k in range(first, last + 1)]
 
 
 def _up_to_arc(t: Tensor, height: Tensor, radius: Tensor) -> Tensor:
-    """The integral of min(height, sqrt(radius² - t²)) over t, up to terms in the height alone."""
+    """The integral of min(height, sqrt(radius² - t²)) up to t, less terms of the height alone."""
     chord = torch.where(height > 0, _half_chord(height, radius), radius)
     area, low, high = (_area(s, radius) for s in (t, -chord, chord))
     level = height * torch.where(t.abs() < chord, t, torch.where(t > 0, chord, -chord))
@@ -233,7 +242,7 @@ class PupilImage(Outline):
 
     Its centroid is the middle of the lens. The radius of the lens is the greatest distance along an
     axis from there to the border of a bright pixel. Pixels are squares of constant transmission, so
-    that areas are exact. Two instances of the same picture are equal.
+    that areas are exact. Instances with equal pictures are equal.
     """
 
     def __init__(self, transmission: Tensor) -> None:
@@ -284,7 +293,7 @@ class PupilImage(Outline):
         return float((light @ away**2 / light.sum()).sqrt())
 
     def set_circle(self, middle: tuple[float, float], radius: float) -> None:
-        """Set the middle and the radius of the lens, in px."""
+        """Set the middle (x, y) and the radius of the lens, in px of the picture."""
         self._middle, self._radius = middle, radius
         position = repr((*middle, radius)).encode()
         self._key = (self._key[0], blake2b(self._key[1] + position).digest())
@@ -315,10 +324,13 @@ class PupilImage(Outline):
         return self._radius
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The sum of the picture left of x and above y, bilinear between corners of pixels."""
+        """The sum of the picture left of x and above y, bilinear between corners of pixels.
+
+        The unit is the lens radius squared.
+        """
         sums = self._sums.to(x.device)
         (row, below), (column, beside) = (
-            self._coarse_pixel(value, middle, count)
+            self._pixel_at(value, middle, count)
             for value, middle, count in zip(
                 (y, x), reversed(self._middle), self._key[0], strict=True
             )
@@ -327,8 +339,12 @@ class PupilImage(Outline):
         above, under = (torch.lerp(left, right, beside) for left, right in corners)
         return torch.lerp(above, under, below) / self._radius**2
 
-    def _coarse_pixel(self, position: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
-        """Index below `count` of the pixel at each lens position, and the place in it, 0 to 1."""
+    def _pixel_at(self, position: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
+        """The index, below `count`, of the pixel at each lens coordinate, and the position in it.
+
+        Positions in a pixel are 0 to 1. `middle` is the middle of the lens in px along the same
+        axis.
+        """
         at = (position * self._radius + middle).clamp(0, count)
         pixel = at.detach().floor().clamp(max=count - 1)
         return pixel.long(), at - pixel

@@ -1,9 +1,9 @@
 """Parts of the pupil: halves, quarters, sixteenths, and the part that a photodiode sees.
 
-Kernels measured for the left and the right photodiodes give their sensitivity: the share of the
-left one at a lens point is its kernel over the sum of both, or that of the surroundings where
-neither has light. Measured kernels end softly, amid noise: the border of the lens is where their
-light falls to half of its maximum, and faint light is ignored.
+Kernels measured for the left and the right photodiodes give their sensitivities: at each lens point
+the left kernel divided by the sum of both, and where neither has light, the same ratio around it.
+Measured kernels end softly, amid noise: the border of the lens is where their light falls to half
+of its maximum, and faint light is ignored.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _WEIGHING_RADIUS = 256.0
 class Part:
     """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1.
 
-    Light in it is weighted by 1 + lean u.x, or by the sensitivity of a photodiode; u of a squeezed
-    pupil is that before the squeeze.
+    Its light is weighted by 1 + lean u.x, or by the sensitivity of a photodiode. In these weights,
+    u is a lens point before the pupil is squeezed.
     """
 
     x0: float = -1.0
@@ -48,11 +48,14 @@ class Part:
 
     @property
     def is_left(self) -> bool:
-        """Whether the part belongs to the left of two halves."""
+        """Whether the part is the left half, lies in it, or is what the left photodiode sees."""
         return self.x1 <= 0 or self.lean < 0 or bool(self.sensitivity and self.sensitivity.is_left)
 
     def counted(self, u: Tensor, narrowing: tuple[Scalar, Scalar]) -> Tensor:
-        """Weights of the light between corners u [..., n]: broadcastable to [..., n - 1, n - 1]."""
+        """Weights of the light in pixels with corners u [..., n].
+
+        They broadcast to [..., n - 1, n - 1]; `narrowing` is as `Aperture.narrowing`.
+        """
         if self.sensitivity is None:
             return 1 + self.lean * narrowing[0] * middles(u)[..., None, :]
         x, y = ((u * times).clamp(-1, 1) for times in narrowing)
@@ -70,7 +73,7 @@ RIGHT = Part(x0=0.0)
 
 @lru_cache(maxsize=256)
 def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
-    """The parts of a pupil, first those of the LEFT half."""
+    """The 1, 2, 4 or 16 parts of a pupil, first those of the LEFT half; see `Aperture.parts`."""
     if count == 1:
         return (FULL,)
     if count == 2:
@@ -106,7 +109,7 @@ def area_of(outline: Outline, part: Part) -> Any:
 
 @lru_cache(maxsize=256)
 def weight_of(outline: Outline, part: Part) -> Any:
-    """The gaussian profile integrated over the part; units and type are those of `area_of`."""
+    """The integral of the gaussian profile over the part; unit and type are those of `area_of`."""
     u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64, device="cpu")
     u = u / _WEIGHING_RADIUS
     weight = (outline.areas(*part.clamp(u, u)) * gaussian(u)).sum()
@@ -114,7 +117,7 @@ def weight_of(outline: Outline, part: Part) -> Any:
 
 
 def gaussian(u: Tensor) -> Tensor:
-    """exp(-|u|² / 2) at the middle of each pixel, [..., n] corners to [..., n - 1, n - 1].
+    """exp(-|u|² / 2) at the middle of pixels, [..., n - 1, n - 1], whose corners are u [..., n].
 
     Corners are clamped to [-1, 1], which keeps the result positive for any radius.
     """
@@ -124,26 +127,31 @@ def gaussian(u: Tensor) -> Tensor:
 
 
 def middles(u: Tensor) -> Tensor:
-    """The middle of the part of each pixel [..., n - 1] that lies within [-1, 1]."""
+    """The middles [..., n - 1] of pixels with corners u [..., n], first clamped to [-1, 1]."""
     inside = u.clamp(-1, 1)
     return (inside[..., 1:] + inside[..., :-1]) / 2
 
 
-# Shares of the maximum of a measured kernel: the greatest of its noise, and that of its border.
+# Shares of the maximum of a measured kernel: light below the first is noise, and light falls to the
+# second at the border of the lens.
 _FAINT, _BORDER = 0.1, 0.5
 
 
 class Sensitivity:
-    """The share of the light [0, 1] that one of two photodiodes gets, over the lens.
+    """The share of the light, 0 to 1, that one of two photodiodes gets at each lens point.
 
-    Two instances of the same picture are equal. `is_left` is True for the left photodiode.
+    Instances with equal pictures are equal. `is_left` is True for the left photodiode.
     """
 
     def __init__(self, fraction: Tensor, kernel: PupilImage, *, is_left: bool) -> None:
         """Place a picture over the lens.
 
-        `fraction`: [H, W] in [0, 1] of the light of both, covering all lens points. `kernel`: the
-        picture [H, W] of this light, with the middle and the radius of the lens.
+        Args:
+            fraction: The share of this photodiode in the light of both, [H, W] in [0, 1]; it covers
+                all lens points.
+            kernel: The light of both photodiodes [H, W], with the middle and the radius of the
+                lens.
+            is_left: Whether this is the left photodiode.
         """
         self.is_left = is_left
         self._fractions = PupilImage.placed(fraction, kernel.middle, kernel.radius)
@@ -155,22 +163,28 @@ class Sensitivity:
         return hash(self._fractions)
 
     def mean_share(self, x: Tensor, y: Tensor) -> Tensor:
-        """The mean share between lens points x [..., n] and y [..., m], 0 where the area is 0."""
+        """The mean share between consecutive lens points x [..., n] and y [..., m].
+
+        It is [..., m - 1, n - 1], 0 in rectangles without area.
+        """
         area = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
         fraction = self._fractions.areas(x, y)
         return torch.where(area > 0, fraction / torch.where(area > 0, area, 1.0), 0.0)
 
 
 def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity]:
-    """The sensitivities of two photodiodes whose kernels were measured.
+    """The sensitivities of the left and the right photodiode, from their measured kernels.
 
     Args:
-        left: [H, W], 0 or more: the image of a point beyond focus in the left one.
-        right: The same in the right one, to the same scale.
+        left: [H, W], 0 or more: the image of a point beyond focus in the left photodiode.
+        right: The same in the right photodiode, to the same scale.
+
+    Returns:
+        (left, right).
 
     Raises:
-        ValueError: If they are not pictures of one size, are black, or left does not lie to the
-            left.
+        ValueError: If they are not pictures of one size, are negative or black, or the left image
+            does not lie to the left.
     """
     for name, kernel in (("left", left), ("right", right)):
         alike = isinstance(kernel, Tensor) and kernel.shape == left.shape
@@ -208,7 +222,7 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
 
 
 def _fill(part: Tensor, whole: Tensor) -> Tensor:
-    """The share [H, W] of a part in the whole; where it is dark, that of the surroundings."""
+    """The ratio part / whole [H, W]; where the whole is dark, the ratio of their surroundings."""
     fraction, known, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)
     while not bool(known.all()):

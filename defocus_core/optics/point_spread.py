@@ -16,10 +16,10 @@ from defocus_core.optics.parts import LEFT
 from defocus_core.optics.thin_lens import ThinLens
 from defocus_core.tensors.validation import Scalar, flag, number, whole
 
-# Kernels of discs wider than this times ks are constant.
+# Kernels no longer change with radii above this times ks.
 _LEVEL = 1000
-# Radii in px between which halves of kernels change from an exact distance to exact areas, whose
-# distance is then exact to 1 %.
+# Below the first radius in px, kernels of halves have an exact distance from each other; above the
+# second, exact areas, which give the distance to 1 %; between, a mixture.
 _EXACT_DISTANCE, _EXACT_AREAS = 4.0, 8.0
 # Smaller shifts in px are rounding errors.
 _NO_SHIFT = 1e-6
@@ -43,7 +43,7 @@ class PsfLens(ThinLens):
         """The response to points: the CoC disc, area-sampled, the same everywhere in the image.
 
         Args:
-            points: [N, 3] or [3].
+            points: (x, y, z) of each point, [N, 3] or [3].
             wvln: Wavelength, as other lenses of DeepLens take it; the blur has no colour, so it is
                 not used.
             ks: Kernel size in px, odd or even.
@@ -55,10 +55,11 @@ class PsfLens(ThinLens):
 
         Raises:
             ValueError: If points have another shape, a z is 0 or NaN, psf_type is unknown, or the
-                CoC is wider than ks and `strict` is set (the message says the ks it needs).
+                CoC is wider than ks and `strict` is set (the message names the ks needed).
 
         Warns:
-            UserWarning: If the CoC is wider than ks: the kernel is its middle, with sum 1.
+            UserWarning: If the CoC is wider than ks: the kernel is cropped to its middle and
+                normalised to a sum of 1.
         """
         radii, ks = self._radii(points, ks, strict)
         return _normalise(Aperture(psf_type=psf_type).kernel(radii, ks), radii)
@@ -82,7 +83,7 @@ class PsfLens(ThinLens):
         Args:
             grid: (rows, columns).
             ks: Kernel size in px.
-            depth: Object depth in mm; None is `obj_depth`.
+            depth: Object depth in mm; None takes the attribute `obj_depth`.
             psf_type: As for `psf`.
             strict: As for `psf`.
 
@@ -112,9 +113,10 @@ class PsfLens(ThinLens):
         """The responses of the left and the right dual pixels.
 
         The left one is seen through the half u.x < 0 of the lens: a point beyond focus lies to the
-        left in it, one nearer than focus to the right. Their mean is `psf`. Their centroids are
-        8 r / (3 pi) px apart for a pillbox, near focus, too: there a half with an odd ks has values
-        below zero, down to -0.11, as its shift is a part of a pixel and the mean is one pixel.
+        left in it, and one nearer than focus to the right. The mean of both is `psf`. For a pillbox
+        their centroids are 8 r / (3 pi) px apart, even near focus. There, kernels with an odd ks
+        have values below zero, down to -0.11: each is shifted by a fraction of a pixel, while their
+        mean is a single pixel.
 
         Returns:
             (left, right), each as `psf` returns it, each summing to 1.
@@ -139,13 +141,20 @@ class PsfLens(ThinLens):
         psf_type: str = "gaussian",
         strict: bool = False,
     ) -> tuple[Tensor, Tensor]:
-        """`psf_dp` over a grid, as `psf_map`: (left, right), each [rows, columns, 1, ks, ks]."""
+        """`psf_dp` at one depth over a grid, with the arguments of `psf_map`.
+
+        Returns:
+            (left, right), each [rows, columns, 1, ks, ks].
+        """
         left, right = self.psf_dp(self._axis_point(depth), ks, psf_type, strict)
         times = (*_grid_of(grid), 1, 1, 1)
         return left.repeat(times), right.repeat(times)
 
     def _radii(self, points: Tensor, ks: int, strict: bool) -> tuple[Tensor, int]:
-        """Signed radii in px of points, and ks, after a check that the blur fits."""
+        """The signed radii in px of points, within ±1000 ks, and ks as a checked whole number.
+
+        A blur wider than ks is an error if `strict` is set, else a warning.
+        """
         points = self._tensor("points", points)
         if points.ndim not in (1, 2) or points.shape[-1] != 3:
             raise ValueError(
@@ -179,7 +188,7 @@ def _cut(radii: Tensor, ks: int) -> Tensor:
 
 
 def _normalise(kernel: Tensor, radii: Tensor) -> Tensor:
-    """Kernels [..., ks, ks], those that ks cuts off divided by their sum."""
+    """Kernels [..., ks, ks], divided by their sum where ks cuts them off."""
     cut = _cut(radii, kernel.shape[-1])[..., None, None]
     return torch.where(cut, kernel / kernel.sum((-2, -1), keepdim=True), kernel)
 
@@ -187,10 +196,10 @@ def _normalise(kernel: Tensor, radii: Tensor) -> Tensor:
 def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
     """Kernels [..., ks, ks] of the left half of a round aperture.
 
-    Areas in pixels do not resolve where in a pixel the half lies: near focus, halves have a
-    distance of 0 for an odd ks, and of 1 px for an even one. So the odd part, half minus whole, is
-    scaled to the shift by the lens, by 1 at most; the rest of the shift is added as the slope of
-    the whole. Both keep the mean of the halves.
+    Sampling by area does not resolve positions within a pixel: near focus the two halves would be 0
+    px apart for an odd ks, and 1 px for an even one. So the difference of half and whole is scaled,
+    by 1 at most, towards the shift that the lens gives; the rest of the shift is made by adding a
+    multiple of the whole's slope. Neither changes the mean of the two halves.
     """
     even = _normalise(aperture.kernel(radii, ks), radii)
     odd = _normalise(aperture.kernel(radii, ks, LEFT), radii) - even
@@ -217,7 +226,7 @@ def _three(psf: Tensor) -> Tensor:
 
 
 def _grid_of(grid: tuple[int, int]) -> tuple[int, int]:
-    """A grid of at least one row and one column."""
+    """A grid (rows, columns), checked: whole numbers of at least 1."""
     try:
         rows, columns = grid
         return whole("rows", rows, ""), whole("columns", columns, "")

@@ -17,14 +17,15 @@ def with_noise(
 ) -> Tensor:
     """Light as counted by a sensor: a Poisson number of electrons, plus read noise.
 
-    Each row has its own random numbers, so that strips of a picture equal the whole.
+    Each row has its own random numbers, so that strips of a picture have the same noise as the
+    whole.
 
     Args:
         light: [C, H, W] or [B, C, H, W], linear. Negative light has no shot noise.
         electrons: Mean number of electrons of a light of 1.
         read: Standard deviation of the read noise in electrons, 0 or more.
-        seed: A whole number, one for each picture of a batch; equal seeds give equal noise.
-        first_row: Number of the first row in its picture.
+        seed: A whole number, or for a batch one for each picture; equal seeds give equal noise.
+        first_row: Row of the whole picture at which `light` begins, if it is a strip.
 
     Returns:
         Light of the same shape and dtype, on the CPU.

@@ -37,27 +37,30 @@ _SIDES = "sensor_size is (width, height) in mm, sensor_res in px"
 
 
 def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: float) -> float:
-    """The f-number of a lens of strength k = f² / (2 p N (1 - f d₀)), solved for N.
+    """The f-number N of a lens of strength k = f² / (2 p N (1 - f d₀)).
 
     Args:
-        strength: px of radius for a disparity of 1 per mm.
-        focus: Disparity in focus per mm, less than 1 / foclen.
-        foclen: mm.
-        pixel_size: mm.
+        strength: k, px of radius for a disparity of 1 per mm.
+        focus: Disparity in focus d₀ per mm, less than 1 / foclen.
+        foclen: Focal length f in mm.
+        pixel_size: Pixel pitch p in mm.
     """
     return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
 
 
 def far_point(foclen: Tensor, fnum: Tensor, coc: Tensor) -> Tensor:
-    """The focus s = f + f² / (N c) in mm, of f and c in mm, at which infinity has a CoC of c."""
+    """The focus distance s = f + f² / (N c) in mm at which infinity has a CoC of c, also in mm."""
     return foclen + foclen * foclen / (fnum * coc)
 
 
 def depth_of_field(foc_dist: Tensor, margin: Tensor, farthest: Tensor) -> tuple[Tensor, Tensor]:
-    """Near and far limit in mm, 1 / (1/s ± c / (A v)), for a focus at s mm; far may be inf.
+    """(near, far) limits of the depth of field in mm, 1 / (1/s ± c / (A v)); far may be inf.
 
-    `margin`: the acceptable CoC by that of a disparity of 1 per mm, c / (A v); `farthest`: mm, the
-    `far_point`, from which on far is inf whatever rounding leaves of disparity.
+    Args:
+        foc_dist: Focus distance s in mm.
+        margin: c / (A v) in 1/mm: the acceptable CoC divided by the CoC of a disparity of 1 per mm.
+        farthest: The `far_point` in mm; for this focus and beyond, far is inf whatever rounding
+            leaves.
     """
     disparity = 1 / foc_dist
     finite = (foc_dist < farthest) & (disparity > margin)
@@ -66,15 +69,16 @@ def depth_of_field(foc_dist: Tensor, margin: Tensor, farthest: Tensor) -> tuple[
 
 
 def field_of_view(side: float, foclen: Scalar) -> Scalar:
-    """2 atan(side / 2f) in radians, of a side of the sensor and f in mm."""
+    """The field of view 2 atan(side / 2f) in radians, for a side of the sensor and f in mm."""
     half = side / 2 / foclen
     return 2 * (half.atan() if isinstance(half, Tensor) else math.atan(half))
 
 
 def radii_of_each(lenses: Sequence[ThinLens], depth: Tensor) -> Tensor:
-    """Signed CoC radii [B, H, W] in px for maps [B, H, W] of depth in mm, > 0, a lens for each.
+    """Signed CoC radii [B, H, W] in px, each map of depth with its own lens.
 
-    One operation computes all; `d_close`, `d_far` and `sharp_range` are ignored.
+    Depth is [B, H, W] in mm, > 0, with B lenses. One operation computes all maps; `d_close`,
+    `d_far` and `sharp_range` are ignored.
     """
     like, terms = torch.empty(1, dtype=depth.dtype, device="cpu"), []
     for lens in lenses:
@@ -89,9 +93,9 @@ class ThinLens:
     """A thin lens in front of a sensor of square pixels.
 
     Every parameter may be a float or a tensor of one number, and gradients flow to it; `foclen`,
-    `fnum` and the focus also [B], a lens for each picture of a batch of depths [B, …]. Results
-    follow the dtype (at least float32) and the device of the tensor that is passed in; `dtype` and
-    `device` serve for arguments that are plain numbers.
+    `fnum` and the focus may also be [B], a lens for each picture of a batch of depths [B, …].
+    Results have the dtype (at least float32) and the device of the tensor that is passed in;
+    `dtype` and `device` apply to arguments that are plain numbers.
 
     Attributes:
         foclen: Focal length f in mm.
@@ -99,10 +103,10 @@ class ThinLens:
         sensor_size: Sensor (width, height) in mm.
         sensor_res: Sensor (width, height) in px. A smaller image is a crop at the same pitch.
         foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
-        d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
-        d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
-        sharp_range: (nearest, farthest) distance in mm of a range that has a CoC of 0, too; None
-            for none. The law is unchanged outside.
+        d_far: Farther depths have the CoC of this one, in mm; -inf for no limit.
+        d_close: Nearer depths have the CoC of this one, in mm; 0 for no limit.
+        sharp_range: (nearest, farthest) distance in mm of a range that is given a CoC of 0; None
+            for no range. Elsewhere the law is unchanged.
         obj_depth: Depth that the PSF maps show by default, in mm.
     """
 
@@ -145,7 +149,7 @@ class ThinLens:
         self.refocus(-20000.0 if longest < 20000.0 else -math.inf)
 
     def __getattr__(self, name: str) -> Any:
-        """Raise AttributeError, with the replacement of an attribute that was removed."""
+        """Raise AttributeError; if the attribute was removed, its message names the replacement."""
         words = f"{type(self).__name__!r} object has no attribute {name!r}"
         instead = remedy("python", name, "DefocusLens")
         raise AttributeError("; ".join(filter(None, (words, instead))))
@@ -158,7 +162,7 @@ class ThinLens:
         return f"{type(self).__name__}({shown})"
 
     def to(self, device: torch.device | str) -> Self:
-        """Move results for plain numbers to another device.
+        """Set the device of results for plain numbers.
 
         Parameters in tensors stay what they are, so that gradients and optimisers keep them; they
         are copied to where they are needed.
@@ -173,7 +177,7 @@ class ThinLens:
         return self
 
     def astype(self, dtype: torch.dtype) -> Self:
-        """Compute results for plain numbers in another floating-point type; returns this lens.
+        """Set the floating-point type of results for plain numbers; returns this lens.
 
         Raises:
             ValueError: If it is not floating point.
@@ -257,7 +261,7 @@ class ThinLens:
 
     @property
     def foc_dist(self) -> Scalar:
-        """The focus -s in mm; computed anew from a tensor, as each backward pass needs a graph."""
+        """The focus -s in mm; not cached, as each backward pass to a tensor needs a new graph."""
         return -(self._focus.abs() if isinstance(self._focus, Tensor) else abs(self._focus))
 
     @foc_dist.setter
@@ -293,7 +297,7 @@ class ThinLens:
         return number("radius", self.radii_at_infinity(), "radii_at_infinity has all")
 
     def radii_at_infinity(self) -> Tensor:
-        """`radius_at_infinity` of each lens, [B], or of the only one, without gradients."""
+        """Signed CoC radii in px at infinity, [B] or 0-dimensional, without gradients."""
         per_disparity, s = self._terms(torch.empty(1, dtype=floating(self.dtype), device="cpu"))
         return (per_disparity / s / (2 * self.pixel_size)).detach()
 
@@ -313,8 +317,9 @@ class ThinLens:
             Diameters in mm, depth's shape.
 
         Raises:
-            ValueError: As `signed_radius`; a subclass may have another unit of depth.
+            ValueError: As `signed_radius`.
         """
+        # not that of a subclass, which may have another unit of depth
         radius = ThinLens.signed_radius(self, self._distance("depth", depth))
         return 2 * self.pixel_size * radius.abs()
 
@@ -394,7 +399,10 @@ class ThinLens:
         return z.clamp(minimum, maximum)
 
     def _parameter(self, name: str, other: Tensor) -> Tensor:
-        """An attribute as a tensor, 0-dimensional or [B, 1, …]; dtype and device are of `other`."""
+        """An attribute as a tensor, 0-dimensional or [B, 1, …], on the device of `other`.
+
+        Its dtype and its number of dimensions are those of `other`, too.
+        """
         value = getattr(self, name)
         if name != "foc_dist":  # `refocus` checks it, and allows infinity
             each_positive(name, value, _UNITS)
@@ -407,7 +415,6 @@ class ThinLens:
         return value.reshape(-1, *[1] * (other.dim() - 1))
 
     def _tensor(self, name: str, value: Scalar) -> Tensor:
-        """A tensor of at least float32."""
         return numbers(name, value, floating(self.dtype), device_named(self.device))
 
     def _distance(self, name: str, distance: Scalar) -> Tensor:
