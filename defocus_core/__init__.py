@@ -1,8 +1,8 @@
 """Thin-lens defocus of RGB-D images, as a library: pictures in files, batches, and their rendering.
 
-Lengths are in mm, depth of files in metres, CoC radii in px, signed: negative nearer than focus,
-positive beyond. The import is light: the module of a name, and torch with it if it computes, is
-imported when the name is first used.
+Lengths are in mm, the depth of files in metres, CoC radii in px, signed: negative nearer than
+focus, positive beyond. The import is light: the module of a name, and torch if that module
+computes, is imported when the name is first used.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 QUALITIES = ("standard", "high", "reference")
 DUAL_PIXEL_MODELS = ("split", "smooth")
-# Sensors that were measured: their model, their crosstalk, and what it was measured on.
+# Measured sensors: model, crosstalk, and the source of the measurement.
 DUAL_PIXEL_SENSORS = {
     "@pixel4": ("smooth", 0.08, "Pixel 4, fitted to photographs of S. Xin et al., ICCV 2021"),
     "@canon-dpp": (
@@ -14,8 +14,8 @@ DUAL_PIXEL_SENSORS = {
         "views made by Canon's DPP, closer together than those of its photodiodes",
     ),
 }
-# Threshold in linear light and gain of automatic highlights.
+# Automatic highlights: threshold in linear light, and gain.
 AUTO_LIGHTS = (0.93, 8.0)
 DEPTH_REPAIRS = ("auto", "off")
 MIN_TILE = 16  # least px on a side of a tile: a block of the index of slices
-WIDEST_EDGE = 100  # px of a soft edge of depth; a wider one is a surface
+WIDEST_EDGE = 100  # greatest width in px of a soft edge of depth; a wider one is a surface

@@ -73,16 +73,16 @@ CODES = {
 
 _LONGEST_WORD = 200  # characters of a path in a message
 _OPTION = re.compile("‹([a-z][a-z-]*)›")
-# The parts in which notes of one kind differ: a file, numbers, units of length, plurals.
+# The parts in which notes of one kind differ: a file, numbers, units of length, "pixel(s)".
 _FILE_OR_NUMBER = re.compile(r"^\S+\.\w+: |\d[\d.,]*(?: ?(?:[cmk]?m\b|pixels?\b))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of a value; without a path it is an option of the caller.
+    """The place of a value: a file and a key in it, or an option of the caller if there is no path.
 
     Attributes:
-        path: the file, or a name in its stead.
+        path: the file, or a name in its place.
         table: a table of the file, in brackets, or a line of the file.
         field: the option or key.
     """
@@ -92,7 +92,7 @@ class Place:
     field: str = ""
 
     def with_field(self, field: str) -> Place:
-        """The place of a key of the same file, table or line."""
+        """The place of another key in the same file, table or line."""
         return Place(self.path, self.table, field)
 
     def __str__(self) -> str:
@@ -116,9 +116,9 @@ class DefocusError(Exception):
         code: the kind of mistake, a key of `CODES`.
         problem: what is wrong, without a full stop.
         remedy: what to do about it; the empty string if there is nothing to propose.
-        path: the file concerned, or a name in its stead; or a place in the file.
+        path: the file concerned, or a name in its place, or a `Place` in a file.
         field: the option or key concerned, in the file if there is one.
-        value: the value of the option, where that is a part of the mistake.
+        value: the value of the option, if it is a part of the mistake.
     """
 
     def __init__(
@@ -147,12 +147,12 @@ class DefocusError(Exception):
 
     @property
     def field(self) -> str:
-        """The option or key concerned, or else the table or line."""
+        """The option or key concerned; if there is none, the table or line."""
         return self.place.field or self.place.table
 
     @property
     def subject(self) -> str:
-        """The file, option or key with the mistake, in words."""
+        """The file, option or key with the mistake, in words that begin the message."""
         return f"{self.place} {self.value}".rstrip() if self.path is None else str(self.place)
 
     def __str__(self) -> str:
@@ -178,22 +178,22 @@ class TooLarge(InputError):  # noqa: N818 - it is said of a file
 
 
 class NotExplained(DefocusError):  # noqa: N818 - it is said of pictures
-    """No lens found explains the difference of the pictures."""
+    """No lens that was found explains the difference of the pictures."""
 
 
 def cannot_read(path: Path, error: OSError, remedy: str) -> InputError:
-    """The error for a file that does not exist, or that the system does not let read."""
+    """The error for a file that does not exist or that the system refuses to read."""
     code = "not-found" if isinstance(error, FileNotFoundError) else "unreadable"
     return InputError(code, f"cannot be read: {reason(error)}", remedy, path=path)
 
 
 def one_line(text: object) -> str:
-    """``text`` with runs of blanks and breaks turned into single blanks, long words `shortened`."""
+    """``text`` as one line: blanks and line breaks become single blanks, long words `shortened`."""
     return printable(" ".join(map(shortened, str(text).split())))
 
 
 def shortened(text: str) -> str:
-    """The word, such as a path, with its middle left out if it is very long."""
+    """The word, such as a path, with its middle replaced by … if it is very long."""
     half = _LONGEST_WORD // 2
     return text if len(text) <= _LONGEST_WORD else f"{text[:half]}…{text[1 - half :]}"
 
@@ -220,7 +220,7 @@ def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
 
 
 def lacks_memory(error: BaseException) -> bool:
-    """Whether the system refused memory, also to a C library."""
+    """Whether an error means that the system refused memory, also to a C library."""
     return isinstance(error, TooLarge | MemoryError) or any(
         words in str(error) for words in ("can't allocate memory", "failed to map segment")
     )
@@ -241,29 +241,29 @@ def first_line(path: Path, text: str) -> str:
 
 
 def note_kind(note: str) -> str:
-    """The kind of a note: its text with N for the file, numbers and units."""
+    """The kind of a note: its text with N in place of the file, numbers and units."""
     return _FILE_OR_NUMBER.sub("N", note)
 
 
 class NoteKinds:
-    """Notes of many pictures, counted by kind: alike but for their file, numbers and units."""
+    """Notes of many pictures, counted by kind; notes of one kind differ in file, numbers, units."""
 
     def __init__(self) -> None:
         self._found: dict[str, tuple[str, int]] = {}
 
     def add(self, *notes: str) -> None:
-        """Count the notes of a picture, each kind once."""
+        """Count the notes of one picture, each kind once."""
         for kind, note in {note_kind(note): note for note in notes}.items():
             example, count = self._found.get(kind, (note, 0))
-            # the first in order, so that equal notes make equal cards, whichever job ended first
+            # the first in order, so that the example does not depend on which job ended first
             self._found[kind] = min(example, note), count + 1
 
     @property
     def counts(self) -> dict[str, int]:
-        """An example and the number of notes of each kind, the commonest first."""
+        """The number of pictures with each kind of note, by an example; the commonest first."""
         return dict(sorted(self._found.values(), key=lambda found: (-found[1], found[0])))
 
 
 def with_dashes(text: str, keys: Mapping[str, str] | None = None) -> str:
-    """``text`` with the options that it names as on a command line, or as ``keys`` has them."""
+    """``text`` with options written as on a command line, or by name as ``keys`` writes them."""
     return _OPTION.sub(lambda option: (keys or {}).get(option[1], f"--{option[1]}"), text)

@@ -1,18 +1,18 @@
 """Removed options, values, keys of files, commands and Python names, and their replacements.
 
-To remove a name, add a row below the version that removes it; nothing else is needed, as every
-error of an unknown name looks here first. It then ends in ``it was removed in 0.2.0: INSTEAD``, an
-imperative without a full stop, which names options in angle quotes. The kinds of rows:
+To remove a name, add a row under the version that removes it; nothing else is needed, as every
+error of an unknown name looks here first. Such an error then ends in ``it was removed in 0.2.0:
+INSTEAD``, where INSTEAD is an imperative without a full stop, which names options in angle quotes.
+The kinds of rows:
 
 - ``option``: of the command line, without dashes; ``of`` is the command that lost it, if others
   keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
-- ``key``: of files alone, or whose replacement is not that of its option; ``of`` is its table.
-- ``value``: of the option or key ``of``, and of the argument of that name in Python.
-- ``rule``: a metric of the rules of compare, or ``found:`` and a finding.
-- ``command``: of ``defocus``.
-- ``python``: a name of `defocus_core`; or, ``of`` a class, an option, attribute or argument.
+- ``key``: of files only, or with another replacement than its option; ``of`` is its table. -
+``value``: of the option or key ``of``, and of the argument of that name in Python. - ``rule``: a
+metric in the rules of compare, or ``found:`` and a finding. - ``command``: of ``defocus``. -
+``python``: a name of `defocus_core`; or, if ``of`` is a class, an option, attribute or argument.
 
-A row stays for two versions, which ``tests/core/test_gone.py`` holds it to.
+A row stays for two versions, which ``tests/core/test_gone.py`` checks.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 
 class Gone(NamedTuple):
-    """A removed name, and what to write instead."""
+    """A removed name, and what to write instead of it."""
 
     kind: str  # option, key, value, rule, command or python
     name: str
-    instead: str
-    of: str = ""
+    instead: str  # an imperative without a full stop
+    of: str = ""  # the command, table, option or class that lost it; empty for all
 
 
 _CALIBRATED = "give ‹depth-kind› disparity, ‹focal-px›, ‹baseline› and, if it has one, ‹doffs›"
@@ -148,7 +148,10 @@ GONE: dict[str, tuple[Gone, ...]] = {
 
 
 def remedy(kind: str, name: object, of: str = "", otherwise: str = "") -> str:
-    """What to write instead of an unknown name: the words of its row, or ``otherwise``."""
+    """What to write instead of an unknown name; ``otherwise`` if the name was not removed.
+
+    `kind`, `of`: as in `Gone`.
+    """
     for version, rows in GONE.items():
         for row in rows:
             if (row.kind, row.name) == (kind, name) and row.of in ("", of):
@@ -157,6 +160,6 @@ def remedy(kind: str, name: object, of: str = "", otherwise: str = "") -> str:
 
 
 def remedy_of_key(name: str, table: str, otherwise: str) -> str:
-    """`remedy` for a key of a file, which may have the name of an option."""
+    """`remedy` for a key in a table of a file, which may have the name of an option."""
     name = name.replace("_", "-")
     return remedy("key", name, table, remedy("option", name, otherwise=otherwise))

@@ -1,9 +1,9 @@
 """The pytest fixture ``golden``, which compares pictures of a test with accepted ones.
 
 ``golden.check(picture, like="render")`` compares an array, a tensor or a file with
-``goldens/TEST_FILE/CLASS/test_name[parameters].exr`` beside the test, or with one of a given name.
-Alternatives, as of another processor, are ``NAME.1.exr``, ``NAME.2.exr``, and so on. ``pytest
---golden-update`` accepts pictures that fail, ``--golden-report FILE.html`` shows them.
+``goldens/TEST_FILE/CLASS/test_name[parameters].exr`` beside the test file, or with a golden of a
+given name. Alternatives, such as for another processor, are ``NAME.1.exr``, ``NAME.2.exr``, and so
+on. ``pytest --golden-update`` accepts pictures that fail, ``--golden-report FILE.html`` shows them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--golden-update`` and ``--golden-report``."""
+    """Add the options ``--golden-update`` and ``--golden-report``."""
     group = parser.getgroup("defocus")
     of = "pictures that fail golden.check()"
     group.addoption("--golden-update", action="store_true", help=f"make {of} the new goldens")
@@ -28,7 +28,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Write the report, if asked for, and print its path."""
+    """Write the report if it is asked for, and print its path."""
     from defocus_core.reports.html import comparisons
 
     if (path := config.option.golden_report) is not None:
@@ -37,7 +37,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 
 def _shared(config: pytest.Config) -> Path:
-    """A folder that all processes of a run share, among those that pytest cleans up."""
+    """A folder that all processes of a run share, which pytest cleans up."""
     base: Path = config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
     folder = (base.parent if hasattr(config, "workerinput") else base) / "defocus-goldens"
     folder.mkdir(exist_ok=True)
@@ -48,9 +48,9 @@ def _shared(config: pytest.Config) -> Path:
 class Golden:
     """The goldens of a test."""
 
-    folder: Path  # that of the test file
-    update: bool  # whether pictures are accepted
-    shared: Path  # shared by all processes of the run: the test of each golden, and failed pictures
+    folder: Path  # of the goldens of the test file
+    update: bool  # whether pictures that fail are accepted
+    shared: Path  # folder of all processes of the run: the test of each golden, failed pictures
     test: str = ""  # pytest's name of the test
     name: str = ""  # default name of a golden: class, function and parameters of the test
     _checked: set[Path] = field(default_factory=set)
@@ -63,13 +63,13 @@ class Golden:
         Args:
             picture: an array [H, W] or [H, W, C]; a tensor [H, W], [C, H, W] or [1, C, H, W]; or
                 the path of a file. Integers of 8 and 16 bits are sRGB, other numbers linear.
-            name: name of the golden, unique in the test file, by default that of the test; may have
-                slashes.
+            name: name of the golden, unique in the test file; by default that of the test. Slashes
+                make folders.
             like: rules: ``render`` (the same program on another machine), ``encoder`` (a lossy
-                codec) or ``golden`` (the same program and machine). By default, no value may
-                differ by more than 1e-4, or a step of its number type.
-            bounds: metrics of ``defocus compare`` with their limits, like ``psnr=45``;
-                rel_rmse, p999 and hdr_psnr for rel-rmse, p99.9 and hdr-psnr.
+                codec) or ``golden`` (the same program and machine). By default, no value may differ
+                by more than 1e-4, or by more than one step of its number type.
+            bounds: limits by metric of ``defocus compare``, like ``psnr=45``; in names,
+                ``rel_rmse``, ``p999`` and ``hdr_psnr`` stand for rel-rmse, p99.9 and hdr-psnr.
         """
         from defocus_core.compare.accepting import accept_picture
         from defocus_core.compare.comparison import compare_with_goldens
@@ -97,7 +97,10 @@ class Golden:
         pytest.fail(told, pytrace=False)
 
     def _place(self, name: str, suffix: str) -> Path:
-        """The path of a golden of this test below the folder, without following links."""
+        """The path of a golden of this test below the folder, without following links.
+
+        A name that is no path, that was checked before, or that another test uses is an error.
+        """
         from defocus_core.errors import reason
         from defocus_core.io.write_files import Folder
 

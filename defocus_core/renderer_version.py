@@ -1,6 +1,6 @@
 """The version of the renderer. Raise it when pictures change.
 
-Batches render finished pictures of an earlier version again. tests/laws/test_golden.py fails if
+Batches render pictures again that an earlier version rendered. tests/laws/test_golden.py fails if
 pictures change and the number does not. The module imports nothing, so that planning a batch does
 not load torch.
 """

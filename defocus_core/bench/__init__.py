@@ -1,1 +1,1 @@
-"""Error and time of qualities and a baseline on shots with known truth."""
+"""Error and time of each quality and of a baseline, on shots with known truth."""

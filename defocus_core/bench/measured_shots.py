@@ -1,8 +1,8 @@
 """Error and cost of each quality and of a plain baseline on shots with known truth; their table.
 
-The unit of cost is one Fourier transform of the frame and its inverse, RGBA float32, on one thread.
-The unit is measured before and after each rendering: a busy machine slows both, so that the ratio
-is the cost of the renderer itself.
+The unit of cost is the time of one Fourier transform of the frame and its inverse, RGBA float32, on
+one thread. It is measured before and after each rendering: a busy machine slows both, so that the
+ratio is the cost of the renderer itself.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from defocus_core.system.process import set_to_render
 if TYPE_CHECKING:
     from torch import Tensor
 
-BASELINE = "sum"  # of blurred slices, where nothing occludes
-COMPILED, TORCH = "standard", "torch"  # a quality that compiled loops render, and torch instead
+BASELINE = "sum"  # the method `plain_sum`, without occlusion
+COMPILED, TORCH = "standard", "torch"  # the quality of compiled loops, and the same by torch
 CAP = 50.0  # dB: greatest PSNR of a shot in a mean, so that easy scenes do not hide hard ones
-_TRANSFORMS = 5  # of which the median is the unit
-# Title, width and decimals of each column, of words None.
+_TRANSFORMS = 5  # timed transforms, whose median is the unit
+# Title, width and decimals of each column; None decimals for words.
 COLUMNS: dict[str, tuple[str, int, int | None]] = {
     "scene": ("scene", 10, None),
     "shot": ("shot", 8, None),
@@ -47,7 +47,7 @@ Row = dict[str, Any]  # one shot by one method: the values of `COLUMNS`
 
 
 def warm_up(device: str) -> str:
-    """Render a tiny picture, so that no shot is charged for start-up; returns the device."""
+    """Render a tiny picture, so that no shot is charged for start-up; returns the chosen device."""
     plain_path.load()
     import torch
 
@@ -61,7 +61,11 @@ def warm_up(device: str) -> str:
 
 
 def methods(qualities: Sequence[str], device: str) -> list[str]:
-    """The baseline and the qualities; and the torch back beside the compiled one, if it renders."""
+    """The names of the methods to measure: the baseline, then each quality.
+
+    The quality of compiled loops is followed by the same quality rendered by torch, if the compiled
+    loops are available.
+    """
     from defocus_core.renderer.compiled.carried import available
 
     found = [BASELINE]
@@ -75,7 +79,7 @@ def methods(qualities: Sequence[str], device: str) -> list[str]:
 def measure_shot(
     shot: TruthShot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
 ) -> Iterator[Row]:
-    """Yield one row for each method as it is done."""
+    """Yield one row for each method as soon as it is measured."""
     import torch
 
     from defocus_core.evaluation import metrics
@@ -145,7 +149,7 @@ def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
 
 
 def means(rows: Sequence[Row]) -> list[Row]:
-    """One row for each method: the means over all shots, each PSNR capped at 50 dB."""
+    """One row for each method: the means over all shots, with each PSNR limited to 50 dB."""
     averages = []
     for method in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == method]
@@ -160,12 +164,12 @@ def means(rows: Sequence[Row]) -> list[Row]:
 
 
 def heading() -> str:
-    """The titles of the table."""
+    """The line of titles of the table."""
     return line({name: title for name, (title, *_) in COLUMNS.items()})
 
 
 def line(values: Row) -> str:
-    """A row of the table: words from the left, numbers from the right."""
+    """A line of the table: words are aligned left, numbers right."""
     cells = []
     for name, (_, width, decimals) in COLUMNS.items():
         value = "-" if values[name] is None else values[name]

@@ -1,7 +1,7 @@
 """Sets of scenes with known truth, and their decoded shots.
 
 Each directory ``SCENE`` of a set holds ``camera.json``, ``rgb.exr``, ``depth.exr`` and, for each
-shot of the camera, ``truth_<shot>.exr``: the photograph by a thin lens.
+shot of the camera, ``truth_<shot>.exr``, the true photograph of the scene by a thin lens.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 BLADES = {"disk": 0, "hexagon": 6}
-MIN_INNER = 11  # px that SSIM needs
+MIN_INNER = 11  # least side in px of a picture without its border, which SSIM needs
 
 
 @dataclass(frozen=True)
 class TruthShot:
-    """One picture of a set."""
+    """A photograph of a scene in a set."""
 
     folder: Path  # folder of the scene
     name: str  # name of the shot
@@ -59,7 +59,7 @@ def sample_set() -> Path:
 
 
 def find_shots(root: Path) -> list[TruthShot]:
-    """All shots of a set, by name of the scene."""
+    """All shots of a set, sorted by the name of the scene; an InputError if there are none."""
     shots = [shot for camera in sorted(root.glob("*/camera.json")) for shot in _shots(camera)]
     if not shots:
         problem, remedy = "holds no <scene>/camera.json with shots", "name a directory of scenes"
@@ -97,7 +97,7 @@ def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> TruthSh
 
 
 def read(shot: TruthShot) -> Pictures:
-    """Decode a shot."""
+    """Decode the pictures of a shot."""
     import torch
 
     files = PictureFiles(shot.name, shot.folder / "rgb.exr", shot.folder / "depth.exr")

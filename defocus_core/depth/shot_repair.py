@@ -49,5 +49,4 @@ def repair_through(repair: DepthRepair, factor: float, infinity: float | None) -
 
 
 def _slope_through(slope: float | None, factor: float) -> float | None:
-    """The least slope of soft edges through another lens, within its bounds; None stays None."""
     return None if slope is None else min(STEEP, max(MINIMUM, slope * factor))

@@ -1,1 +1,1 @@
-"""Laws of the lens and their checks, error metrics, a baseline."""
+"""Laws of the lens and their measurement, error metrics, and a baseline renderer."""

@@ -1,9 +1,9 @@
 """Eight laws of the lens, measured on renderings of small pictures.
 
-A law is a row of `LAWS`: a function that measures numbers, and the bound of the worst of them.
-Discs and the gradient are measured in float64, where rounding does not hide a fault; pictures in
-float32, as they are rendered for the user. Probes are made in float64 on the CPU, with the signed
-CoC radius in px of each of their pixels.
+A law is a row of `LAWS`: a function that measures numbers, and the bound that the greatest of them
+must keep. Discs and the gradient are measured in float64, where rounding does not hide a fault;
+pictures in float32, as they are rendered for the user. Test scenes are made in float64 on the CPU;
+each is a picture and the signed CoC radius in px of each of its pixels.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from defocus_core.tensors.views import ViewTensors
 
 Scene = tuple[Tensor, Tensor]  # image [C, H, W] and signed radius [H, W] px
 SIZE = (72, 210)  # H, W: not square, more than one tile
-_RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on slice radii and between them
+_RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, equal to slice radii and between them
 
 
 @dataclass(frozen=True)
 class LawSetting:
-    """The setting that probes are rendered in."""
+    """How the scenes of the laws are rendered."""
 
     device: str = "cpu"  # torch's name of the device
     quality: str = "standard"  # as for `render`
@@ -38,7 +38,7 @@ class LawSetting:
     def views(
         self, scene: Scene, dtype: torch.dtype = torch.float32, **options: Any
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Centre, left, right and trust of a scene, rendered with more options if given."""
+        """(centre, left, right, trust) of a scene; `options` are further options of `render`."""
         image, radius = (x.to(self.device, dtype).contiguous() for x in scene)
         asked = {"quality": self.quality, "threads": self.threads, "left_right": True} | options
         views = self.render(image, radius, **asked)
@@ -48,12 +48,12 @@ class LawSetting:
 
 @dataclass(frozen=True)
 class Check:
-    """The worst number that was measured for a law, with the bound of the law."""
+    """The greatest number that was measured for a law, with the bound of the law."""
 
     law: str  # name of the law
     measured: str  # the measurement, in words
     unit: str  # of the value and the bound
-    value: float | None  # the worst measured value; None without a GPU to measure it on
+    value: float | None  # the greatest measured value; None if it needs a GPU and there is none
     bound: float  # the largest value that the law allows
 
     @property
@@ -63,17 +63,17 @@ class Check:
 
 
 class Law(NamedTuple):
-    """The name, measure and bound of a law; `numbers` measures in the unit of the bound."""
+    """A law: its name, the function that measures it, and the bound."""
 
     name: str
-    measured: str
-    unit: str
-    bound: float
-    numbers: Callable[[LawSetting], list[float]]
+    measured: str  # the measurement, in words
+    unit: str  # of the numbers and the bound
+    bound: float  # the greatest number that the law allows
+    numbers: Callable[[LawSetting], list[float]]  # measures
 
 
 def verify(setting: LawSetting | None = None) -> Iterator[Check]:
-    """The checks of `LAWS`, one after the other."""
+    """Yield the check of each law in `LAWS`, as soon as it is measured."""
     for name, measured, unit, bound, numbers in LAWS:
         found = numbers(setting or LawSetting())
         worst = math.nan if any(map(math.isnan, found)) else max(found, default=None)
@@ -102,7 +102,10 @@ def strips(size: tuple[int, int] = SIZE) -> Tensor:
 
 
 def card(card_r: float, background_r: float, *, plain: bool = False) -> Scene:
-    """The scene of a card before waves, or before one dark colour if `plain`."""
+    """A scene with a card before waves, or before a uniform dark ground if `plain`.
+
+    `card_r`, `background_r`: signed radii in px.
+    """
     H, W = SIZE
     on_card = torch.zeros(SIZE, dtype=torch.bool)
     on_card[H // 4 : 2 * H // 3, W // 3 : 3 * W // 5] = True
@@ -113,7 +116,7 @@ def card(card_r: float, background_r: float, *, plain: bool = False) -> Scene:
 
 
 def scenes() -> list[Scene]:
-    """A slope through focus, strips, and cards before and behind the focus."""
+    """Four scenes: a slope through the focus, strips, and cards at several depths."""
     cards = card(-7.0, 0.0), card(0.0, 7.0), card(-5.0, 6.0)
     return [(waves(), slope()), (waves(), strips()), *cards]
 
@@ -123,13 +126,13 @@ def _worst(difference: Tensor) -> float:
 
 
 def _worst_relative(difference: Tensor, picture: Tensor) -> float:
-    """Greatest absolute difference, as a share of the greatest value of the picture within 4 px."""
+    """The greatest absolute difference, relative to the picture's greatest value within 4 px."""
     around = max_pool2d(picture.abs(), 9, stride=1, padding=4)
     return _worst(difference / around.clamp(min=1e-12))
 
 
 def white(setting: LawSetting) -> list[float]:
-    """Change of a constant picture over any depth, borders included."""
+    """The changes of a white picture over any depth, borders included."""
     noise = 18 * torch.rand(SIZE, generator=torch.Generator().manual_seed(0)) - 9
     return [
         _worst(picture - 1)
@@ -142,8 +145,9 @@ def white(setting: LawSetting) -> list[float]:
 def disc(setting: LawSetting) -> list[float]:
     """The % by which discs of points are too large or too small, and % of light beyond their rims.
 
-    A light on black is drawn by its own kernel, a mark on white goes through slices. The radius
-    follows from the second moment, r²/4 on each axis, to which the area of a pixel adds 1/12 px².
+    Each radius is measured twice, as a light on black is drawn by its own kernel, but a dark spot
+    on white goes through slices. The radius follows from the second moment, r²/4 on each axis, to
+    which the area of a pixel adds 1/12 px².
     """
     found = []
     for r in (sign * size for size in _RADII for sign in (1, -1)):
@@ -162,14 +166,14 @@ def disc(setting: LawSetting) -> list[float]:
 
 
 def focus(setting: LawSetting) -> list[float]:
-    """Change of a picture that is entirely in focus."""
+    """The changes of a picture that is entirely in focus."""
     image = waves()
     seen = setting.views((image, torch.zeros(SIZE)))[:3]
     return [_worst(picture - image.to(picture)) for picture in seen]
 
 
 def occlusion(setting: LawSetting) -> list[float]:
-    """Change of a card in focus before blur, and of the plain ground around it."""
+    """The changes of a card in focus before blur, and of the uniform ground around a card."""
     changes = []
     for plain in (False, True):
         for background_r in (3.0, 9.0):
@@ -181,13 +185,13 @@ def occlusion(setting: LawSetting) -> list[float]:
 
 
 def left_and_right(setting: LawSetting) -> list[float]:
-    """The sum of left and right minus twice the centre, with occlusions."""
+    """Left plus right minus twice the centre, for scenes with occlusion."""
     seen = (setting.views(scene)[:3] for scene in scenes())
     return [_worst_relative(left + right - 2 * centre, centre) for centre, left, right in seen]
 
 
 def tiles(setting: LawSetting) -> list[float]:
-    """Difference between a picture and the same rendered as a part of a larger one.
+    """The differences between a picture and the same picture rendered as a part of a larger one.
 
     Pixels with invented content are left out, since that depends on all of the visible picture.
     """
@@ -206,7 +210,7 @@ def tiles(setting: LawSetting) -> list[float]:
 
 
 def gradient(setting: LawSetting) -> list[float]:
-    """The error of the gradient for image and radius against a finite difference."""
+    """The relative error of the gradient by image and radius, compared with a finite difference."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
     radius = slope(size) / 4 + 0.013  # away from slice radii, where slopes change
     radius[3:6, 4:8] -= 3.1  # a nearer card
@@ -230,7 +234,7 @@ def gradient(setting: LawSetting) -> list[float]:
 
 
 def devices(setting: LawSetting) -> list[float]:
-    """Difference between the CPU and the GPU; without a GPU there is nothing to compare."""
+    """The differences between renderings on the CPU and on the GPU; empty without a GPU."""
     off: list[float] = []
     for scene in scenes() if setting.device != "cpu" else []:
         there, here = (s.views(scene)[:3] for s in (setting, replace(setting, device="cpu")))

@@ -1,7 +1,7 @@
 """Error metrics of a picture against its truth, at depth edges and elsewhere.
 
-PSNR and SSIM look at what a screen shows: sRGB-encoded values, clipped to [0, 1]. RMSE and the
-percentile are of linear light. All is computed in float64.
+PSNR and SSIM are computed from what a screen shows: sRGB-encoded values, clipped to [0, 1]; RMSE
+and the percentile from linear light. All is computed in float64.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _LUMA = (0.2126, 0.7152, 0.0722)
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a picture."""
+    """Errors of a picture against its truth."""
 
-    psnr: float  # dB, sRGB-encoded, for a peak of 1
+    psnr: float  # dB, of sRGB-encoded values with a peak of 1
     psnr_edges: float | None  # the same over the pixels near depth edges; None if there are none
     psnr_elsewhere: float | None  # the same over all other pixels; None if there are none
-    rel_rmse: float  # linear RMSE over the mean of the truth
+    rel_rmse: float  # linear RMSE divided by the mean of the truth
     ssim: float  # structural similarity of encoded luma
     p999: float  # 99.9th percentile of the absolute error, linear
 
@@ -35,8 +35,12 @@ class Errors:
 def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: int) -> Errors:
     """All errors of a picture, without the border, which depends on content outside the frame.
 
-    `picture`, `truth`: [3, H, W], linear; `signed_radius`: [H, W] px; `border`: px left out on each
-    side, the greatest CoC radius rounded up; pixels within `border` px of an edge are near it.
+    Args:
+        picture: [3, H, W], linear.
+        truth: [3, H, W], linear.
+        signed_radius: [H, W] px.
+        border: px left out on each side, the greatest CoC radius rounded up. Pixels within `border`
+            px of a depth edge count as near it.
 
     Raises:
         ValueError: If shapes differ, the border leaves less than 11 px, or a pixel of the picture
@@ -89,7 +93,7 @@ def ssim(a: Tensor, b: Tensor) -> float:
 
 
 def percentile(values: Tensor, percent: float) -> float:
-    """A percentile of values, linear between the two nearest."""
+    """A percentile (0 to 100) of values, interpolated linearly between the two nearest."""
     position = percent / 100 * (values.numel() - 1)
     lower = math.floor(position)
     top = values.flatten().topk(values.numel() - lower).values
@@ -98,16 +102,16 @@ def percentile(values: Tensor, percent: float) -> float:
 
 
 def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
-    """Mask [H, W] of the pixels within a distance in px of a depth edge.
+    """Mask [H, W] of the pixels within `distance` px of a depth edge.
 
-    Both pixels beside an edge belong to it: neighbours in a row or a column whose signed radii
-    differ by more than 1 px.
+    A depth edge lies between neighbours in a row or a column whose signed radii differ by more than
+    1 px; both neighbours belong to it.
     """
     H, W = signed_radius.shape
     across, down = (signed_radius.diff(dim=dim).abs() > _EDGE for dim in (1, 0))
     edge = pad(across, (1, 0)) | pad(across, (0, 1))
     edge |= pad(down, (0, 0, 1, 0)) | pad(down, (0, 0, 0, 1))
-    # A transform counts the edge pixels within the disc around each pixel.
+    # A convolution counts the edge pixels within the disc around each pixel.
     reach = math.floor(distance)
     offset = torch.arange(-reach, reach + 1, dtype=torch.float64, device=edge.device)
     disc = (offset[:, None].square() + offset.square() <= distance * distance).double()

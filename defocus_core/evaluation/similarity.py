@@ -15,15 +15,15 @@ EQUAL = 99.0
 
 
 def psnr(mean: float) -> float:
-    """PSNR in dB of a mean squared error, for a peak of 1."""
+    """The PSNR in dB of a mean squared error, for a peak of 1; 99 dB below an error of 1e-10."""
     return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
 
 
 def similarity(a: Any, b: Any) -> Any:
-    """The similarity of each window that lies within two pictures, with C1 = 0.01², C2 = 0.03².
+    """The structural similarity of two pictures in each window, with C1 = 0.01², C2 = 0.03².
 
-    `a`: [H, W] in 0…1, float64. `b`: the same. Returns [H - 10, W - 10], a value for the middle
-    of each window.
+    `a`, `b`: [H, W] in 0…1, float64. Returns [H - 10, W - 10], a value for the middle of each
+    window that lies within the pictures.
     """
     mean_a, mean_b, square, product = (_smooth(v) for v in (a, b, a * a + b * b, a * b))
     both, squares = mean_a * mean_b, mean_a * mean_a + mean_b * mean_b

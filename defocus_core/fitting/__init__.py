@@ -1,1 +1,1 @@
-"""The lens that explains a pair: radii r = k (d₀ - d), affine in disparity."""
+"""The lens that explains a pair of pictures: radii r = k (d₀ - d), affine in disparity d."""

@@ -1,7 +1,7 @@
 """The lens of a real pair: focus and strength of the blur between a sharp and a blurred picture.
 
-A coarse search blurs small pictures as a whole, then Gauss-Newton steps follow the best points over
-larger ones.
+A coarse search blurs small pictures uniformly, with one radius after another; then Gauss-Newton
+steps improve the best points on larger and larger pictures.
 """
 
 from __future__ import annotations
@@ -23,44 +23,46 @@ from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
 
 MAX_SHIFT = 16  # px
-MAX_MAGNIFICATION = 1.02  # or 1 / it: about twice that of a camera's focus range
+MAX_MAGNIFICATION = 1.02  # greatest, and 1 / least: about twice that of a camera's focus range
 _BOUNDS = torch.tensor([1e6, 1e6, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2]).double()
-# The first step of finite differences for each unknown, in px of the pictures at a width
+# First step of finite differences for each unknown, in px of the reduced pictures
 _PROBES = torch.tensor([0.2, 0.2, 0.25, 0.25, 0.001, 0.1]).double()
-_LONGEST = torch.tensor([20.0, 20.0, 8.0, 8.0, 5.0, 10.0]).double()  # longest step, in these
-_LEAST_STEP = 0.003  # shortest step, in these; the search ends there
-_SHORTEST = 0.01  # least step of finite differences, in these
-_MOST_STEPS = 6  # at a width
+_LONGEST = torch.tensor([20.0, 20.0, 8.0, 8.0, 5.0, 10.0]).double()  # longest step, in _PROBES
+_LEAST_STEP = 0.003  # shortest step of the search, in _PROBES; it ends there
+_SHORTEST = 0.01  # least step of finite differences, in _PROBES
+_MOST_STEPS = 6  # at each width
 _LEAST_GAIN = 1e-4  # least relative improvement of the error by a step
 _DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of a step, tried in turn
-_TOLD = 1e-3  # share of the greatest curvature, with which undetermined unknowns are damped
+_TOLD = 1e-3  # least curvature by which an unknown is damped, as a share of the greatest one
 _LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
-_SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
-_ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # signed roots of the radii there
-_TRIED = 12  # points of this search that are rendered
-# Px of pictures at a width, and how many points are followed there
+# The coarse search: width in px, levels of disparity, signed square roots of the radii in px, and
+# number of its points that are rendered
+_SEARCHED, _LEVELS = 128, 64
+_ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)
+_TRIED = 12
+# Widths in px of the reduced pictures, and the number of points that are improved at each
 _WIDTHS = {200: 4, 480: 3, 1024: 2}
 _MIN_WEIGHT = 0.05  # least share of the pixels with a weight
-_DROP_RATIO = 4.0  # times the error of the best point: worse starts are dropped
-_SAME_PX = 0.25  # px of pictures at a width: points whose radii differ less are the same
-_EXACT = 1e-10  # error of pictures that differ by nothing else
+_DROP_RATIO = 4.0  # points of more than this times the least error are dropped
+_SAME_PX = 0.25  # points whose radii differ by less px of the reduced pictures are the same
+_EXACT = 1e-10  # error at which the blur explains all of the difference
 _BLOCKS = 3  # blocks along each side for the uncertainty: real lenses vary over a third of a frame
 _SEPARATION = 0.5  # of left and right, at which the search begins
-_UNTOLD = 1e-9  # curvature of the error by pixel, below which an unknown is undetermined
+_UNTOLD = 1e-9  # curvature of the error per pixel, below which an unknown is undetermined
 _MAX_CROSSTALK = 0.49  # share of light; left and right are equal at 0.5
 _MINIMUM = 1e-6  # mean square of compressed light, below which pictures are equal
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The blur between two pictures."""
+    """The blur that was found between two pictures."""
 
     strength: float  # k, px of radius for a disparity of 1, in the blurred picture
     focus: float  # d₀, the disparity in focus
     strength_error: float  # standard error of the strength, relative
     focus_error: float  # standard error of the focus, in disparity
-    shift: tuple[float, float]  # px by which blurred lies to the right of sharp, and below
-    magnification: float  # of blurred over sharp, about the middle; the shift comes after it
+    shift: tuple[float, float]  # (x, y) in px from sharp to blurred, to the right and down
+    magnification: float  # from sharp to blurred, about the middle, applied before the shift
     gains: tuple[float, ...]  # factor of light of each channel from sharp to blurred; one if grey
     psnr: float  # in dB, of compressed light over the pixels with a weight
     dual_pixel: DualPixel | None  # the photodiodes of a pair; None for a single picture
@@ -88,18 +90,18 @@ def fit(
 
     Args:
         sharp: [C, H, W], linear light.
-        disparity: [H, W], of any unit and zero, greater when nearer.
+        disparity: [H, W], of any unit and offset, greater when nearer.
         blurred: [C, H, W], light like that of sharp; or (left, right) of a dual-pixel sensor.
         aperture: The pupil, a round one by default.
         dual_pixel: The photodiodes of a pair, ideal halves by default.
         crosstalk: Whether to find the crosstalk of a pair.
-        exposure: Whether each channel may have a factor between the pictures, and each blurred one
-            a falloff of light over the frame.
+        exposure: Whether to find a factor of light for each channel, and a falloff of light over
+            the frame for each blurred picture.
         shift: Whether the blurred picture may be shifted by up to 16 px.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         threads: As for `render`.
-        progress: Called with (renderings done, about how many in all).
+        progress: Called with the number of renderings done and about how many there are in all.
 
     Raises:
         ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere, or
@@ -137,7 +139,7 @@ def fit(
 
 
 def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> None:
-    """Refuse pictures that do not belong together."""
+    """Refuse pictures whose sizes disagree or whose values cannot be used."""
     if sharp.dim() != 3 or disparity.shape != sharp.shape[1:]:
         raise ValueError(
             "sharp must be [C, H, W] and disparity [H, W] of the same size, got "
@@ -156,10 +158,10 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> No
 
 
 class Search:
-    """The search for the point between two pictures."""
+    """The search for the values of the unknowns, a `Point`, that explain a pair of pictures."""
 
     def __init__(self, residual: Residual, pictures: Scale, free: list[int]) -> None:
-        """Set the pictures, and the indices of the unknowns to find, the radii first."""
+        """Set the pictures, and the indices in `Point` of the unknowns to find, first 0 and 1."""
         self._residual, self._free, self._all = residual, free, pictures
         self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
 
@@ -182,7 +184,11 @@ class Search:
         return points[0]
 
     def _starts(self) -> list[Point]:
-        """Points of little error, if each disparity is read from a uniformly blurred picture."""
+        """Points of little error, estimated without occlusion.
+
+        Each pixel is read from the picture that is blurred uniformly with the radius of its
+        disparity.
+        """
         first = Point(0.0, 0.0, separation=_SEPARATION if 5 in self._free else 1.0)
         if 2 in self._free:
             across, down = offset_of(self._all.sharp, self._all.observed.mean(0), MAX_SHIFT)
@@ -208,7 +214,10 @@ class Search:
         return [first._replace(far=one, near=other) for one, other in ends.tolist()]
 
     def _distinct(self, points: list[Point], width: int) -> list[Point]:
-        """The points, best first, without points that are close to a better one."""
+        """The points, best first, without bad ones and those close to a better one.
+
+        `width`: that of the pictures in px.
+        """
         pictures = self._widths[width]
         errors = {point: self._residual.error(point, pictures) for point in points}
         kept: list[Point] = []
@@ -221,10 +230,10 @@ class Search:
         return kept
 
     def _descend(self, point: Point, pictures: Scale) -> Point:
-        """The point after Gauss-Newton steps.
+        """The point that Gauss-Newton steps from a point lead to.
 
-        Where a surface is nearly sharp, slopes change within the step of the differences, which
-        therefore is at most the last step of the search.
+        Where a surface is nearly sharp, slopes change within the step of the finite differences,
+        which therefore is at most as long as the last step of the search.
         """
         lengths = torch.ones(len(self._free), dtype=torch.float64)
         longest = (_LONGEST * _scaled_probes(pictures))[self._free]
@@ -255,7 +264,10 @@ class Search:
         return point
 
     def _normal(self, point: Point, pictures: Scale, probes: Tensor) -> tuple[Tensor, Tensor]:
-        """Matrix [B, P, P] and gradient [B, P] of each block, by steps of the probes [P, P]."""
+        """The matrix [B, P, P] and gradient [B, P] of the least squares of each block of the frame.
+
+        `probes` [P, P]: a step of the unknowns in each row, for finite differences.
+        """
         away, weight = self._residual.differences(point, pictures)
         moved = [_moved(point, self._free, probe) for probe in probes]
         tables = [away] + [self._residual.differences(there, pictures)[0] - away for there in moved]
@@ -300,7 +312,10 @@ class Search:
         )
 
     def _errors(self, point: Point, pictures: Scale, slopes: Tensor) -> list[float]:
-        """Standard errors, by a jackknife of the blocks, of numbers with slopes [N, P]."""
+        """Standard errors of N numbers, found by a jackknife over the blocks of the frame.
+
+        `slopes`: [N, P], derivatives of the numbers by the unknowns.
+        """
         probes = _probes(point, pictures, self._free)
         hessian, gradient = self._normal(point, pictures, probes)
         _, weight = self._residual.differences(point, pictures)
@@ -314,15 +329,16 @@ class Search:
 
 
 def _scaled_probes(pictures: Scale) -> Tensor:
-    """The first step of finite differences for each unknown, in px of the pair."""
+    """The first step of finite differences for each unknown, in px of the full pictures."""
     return _PROBES / torch.tensor([pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
 
 
 def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
-    """The first steps of finite differences [P, P], a row each; the radii move together.
+    """The first steps of finite differences, a row [P] of [P, P] each, in the free unknowns.
 
-    The first row scales all radii; the second is orthogonal to it and widens their range. Steps
-    along both hardly depend on each other, whether the focus is within the range of depth or not.
+    Both radii change together: the first row scales them; the second is orthogonal to it and widens
+    their range. Steps along both hardly depend on each other, whether the focus is within the range
+    of depth or not.
     """
     probes = torch.diag(_scaled_probes(pictures))
     far, near = point.far, point.near
@@ -334,7 +350,7 @@ def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
 
 
 def _moved(point: Point, free: list[int], steps: Tensor) -> Point:
-    """The point after a step in each free unknown."""
+    """The point after a step in each free unknown, limited to the bounds."""
     values = torch.tensor(point, dtype=torch.float64)
     values[free] += steps
     values[0] = torch.maximum(values[0], values[1] + _LEAST_RANGE)

@@ -1,4 +1,4 @@
-"""The pictures of a pair at a size, and one of them moved onto another."""
+"""The pictures of a pair at one size, and the registration of one picture to another."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-_ENDLESS = 1.001  # greatest value of pictures that may be clipped
-_END = 0.9999  # fraction of the greatest value
+_ENDLESS = 1.001  # pictures with greater values are not clipped
+_END = 0.9999  # share of the greatest value from which on a pixel is clipped
 _MIN_HEIGHT = 16  # px
-_LOBES = 3  # of the windowed sinc that moves a picture
+_LOBES = 3  # lobes of the windowed sinc that resamples a picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,13 +19,13 @@ class Scale:
     """The pictures of a pair at one size."""
 
     sharp: Tensor  # [C, H, W]
-    disparity: Tensor  # [H, W], 0 of the farthest surface and 1 of the nearest
-    observed: Tensor  # [V, C, H, W]
-    lost: Tensor  # [1, H, W], the share of a pixel whose light is clipped in the sharp picture
+    disparity: Tensor  # [H, W], 0 at the farthest surface and 1 at the nearest
+    observed: Tensor  # [V, C, H, W], the blurred picture, or left and right
+    lost: Tensor  # [1, H, W], share of each pixel's area that is clipped in the sharp picture
     factor: float = 1.0  # px of these pictures per px of the pair
 
     def reduced(self, width: int) -> Scale:
-        """The same pictures reduced to `width` px, if they are wider."""
+        """The same pictures reduced to a width of `width` px, if they are wider."""
         if width >= self.sharp.shape[2]:
             return self
         factor = width / self.sharp.shape[2]
@@ -37,9 +37,10 @@ class Scale:
 
 
 def clipped(image: Tensor) -> Tensor:
-    """Mask [1, H, W], 1 or 0, of the pixels at the maximum of a picture [C, H, W] of at most 1.
+    """Mask [1, H, W], 1 or 0, of the clipped pixels of a picture [C, H, W].
 
-    The mask of a picture without clipped light has only a pixel or two.
+    Clipped pixels are at the maximum of a picture that nowhere exceeds 1. In a picture without
+    clipped light these are only one or two.
     """
     top = float(image.max()) if float(image.max()) <= _ENDLESS else torch.inf
     return (image.amax(0, keepdim=True) >= _END * top).to(image)
@@ -48,12 +49,13 @@ def clipped(image: Tensor) -> Tensor:
 def registered(
     images: Tensor, across: float, down: float, magnification: float
 ) -> tuple[Tensor, Tensor]:
-    """Images [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
+    """Images [V, C, H, W] magnified about their middle, then moved right and down by px.
 
-    Returns the images, and a mask [H, W], 0 where a pixel comes from beyond the border, else 1.
+    They are interpolated by Lanczos' windowed sinc. Returns the images, and a mask [H, W], 0 where
+    a pixel comes from beyond the border, else 1.
     """
     inside = torch.ones_like(images[0, 0])
-    for shift in (down, across):  # the rows, then, turned, the columns
+    for shift in (down, across):  # rows are resampled, then, after a transposition, columns
         size = images.shape[-2]
         middle = (size - 1) / 2
         place = (torch.arange(size).double() - middle - shift) / magnification + middle
@@ -66,14 +68,15 @@ def registered(
 
 
 def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, float]:
-    """Px by which `observed` [C, H, W] lies right of and below `sharp`, whatever the blur.
+    """The (x, y) in px by which `observed` lies right of and below `sharp`, both [C, H, W].
 
-    The offset maximises their correlation: blur by a pupil with point symmetry moves nothing.
+    The offset, at most `maximum` along each axis, maximises their correlation; blur by a pupil with
+    point symmetry does not change it.
     """
     spectra = []
     for image in (sharp, observed):
         light = image.clamp_min(0).mean(0)
-        light = light / (light + light.median().clamp_min(1e-3))  # so that lights do not decide
+        light = light / (light + light.median().clamp_min(1e-3))  # so that no light dominates
         spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))
     both = torch.fft.irfft2(spectra[1] * spectra[0].conj())
     positions = torch.arange(-maximum, maximum + 1)

@@ -1,10 +1,10 @@
 """The blurred picture that a point predicts, and its difference from the observed one.
 
-Differences are taken of light compressed by x / (x + m), so that no light outweighs a scene.
-Large ones have less weight (Huber); clipped light, the blur of clipped lights (whose strength is
-unknown) and invented content have none. With an exposure, least squares find a gain of each
-channel, then a factor of each view over the frame, as the falloff of a wide aperture differs from
-that of a narrow one by more than the blur.
+Differences are taken of light compressed by x / (x + m), so that no bright light outweighs the
+scene. Large differences have less weight (Huber); pixels that see clipped light, its blur (of
+unknown strength) or invented content have none. With an exposure, least squares find a gain for
+each channel, then a factor for each view that varies over the frame: the falloff of a wide aperture
+differs from that of a narrow one by more than the blur changes.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 
-BEND = 0.02  # difference of compressed light, beyond which the weight is less
-_CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
+BEND = 0.02  # difference of compressed light above which the weight falls
+_CLIPPED = 0.98  # share of the greatest value from which on light is clipped, if that is at most 1
 _TRUSTED = 0.9  # least trust of a pixel with a weight
 _MIN_WEIGHT = 0.05  # least mean weight of a picture
 _LOST = 1e-3  # share of clipped light above which a pixel has no weight
-_FAINT = 1e-7  # scale of the channel of lost light, which must not decide what colours fill in
+_FAINT = 1e-7  # scale of the channel of clipped light, so small that it changes no invented content
 _FALLOFF = 4  # degree of the falloff to the corners, as that of cos⁴
-_CELLS = 32  # blocks along a side; the factor over the frame is constant in each
-_KEPT = 4  # renderings that are cached, as registrations share them
-_ABOUT = 60  # renderings of a fit
+_CELLS = 32  # blocks along a side, whose means the falloff is fitted to
+_KEPT = 4  # renderings that are cached, as points that differ in registration share them
+_ABOUT = 60  # expected number of renderings of a fit
 
 
 class Point(NamedTuple):
     """A value for each unknown of the fit."""
 
-    far: float  # signed radius of the least disparity, px of the sharp picture
-    near: float  # signed radius of the greatest disparity
+    far: float  # signed radius at the least disparity, in px of the sharp picture
+    near: float  # signed radius at the greatest disparity, likewise
     across: float = 0.0  # px by which the blurred picture lies to the right of the sharp one
     down: float = 0.0  # px by which it lies below
     growth: float = 0.0  # logarithm of the magnification of the blurred picture about the middle
-    # Separation of left and right, by that of ideal halves of the pupil; below 0 if exchanged
+    # Distance of left and right as a share of that of the sensor's model; negative if exchanged
     separation: float = 1.0
 
 
 class Residual:
-    """The differences between predicted and observed pictures."""
+    """The differences between predicted and observed pictures of a pair."""
 
     def __init__(
         self,
@@ -58,7 +58,10 @@ class Residual:
         exposure: bool,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Set how to render; the infinity of the settings is a disparity of the pictures."""
+        """Set how to render; the infinity of the settings is a disparity as in `Scale`.
+
+        `exposure`, `progress`: as for `fit`.
+        """
         self._settings, self._exposure = settings, exposure
         self._progress, self._done = progress, 0
         first = pictures.observed[0]
@@ -69,17 +72,17 @@ class Residual:
         self._views: dict[object, tuple[Tensor, Tensor]] = {}
 
     def differences(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
-        """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
+        """Differences of compressed light [V, C, H, W], and their weights [V, 1, H, W]."""
         light, weight, _ = self.modelled(point, pictures)
         one, other = (x.clamp_min(0) for x in (light, pictures.observed))
         return one / (one + self._middle) - other / (other + self._middle), weight
 
     def error(self, point: Point, pictures: Scale) -> float:
-        """The error of a point: `error_of` its differences."""
+        """The error of a point: `error_of` of its differences."""
         return error_of(*self.differences(point, pictures))
 
     def modelled(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor, Tensor]:
-        """The picture [V, C, H, W] predicted by a point, its weight [V, 1, H, W], and gains [C]."""
+        """The views [V, C, H, W] that a point predicts, weights [V, 1, H, W] and gains [C]."""
         light, trust = self._blurred(point, pictures)
         observed = pictures.observed
         if self._has_lost:
@@ -105,8 +108,8 @@ class Residual:
     def _blurred(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
         """The blurred views of the sharp picture, and their trust [H, W].
 
-        The views [V, C, H, W] are the centre alone, or centre, left and right. If lights of the
-        sharp picture are clipped, one more channel is their share.
+        The views [V, C, H, W] are the centre alone, or centre, left and right. If light of the
+        sharp picture is clipped, a further channel holds its share.
         """
         key = point.far, point.near, pictures
         if key in self._views:
@@ -133,7 +136,10 @@ class Residual:
 
 
 def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
-    """The factor [V, 1, H, W] of each view over the frame, a fit of yⁱ xʲ, i + j ≤ 4."""
+    """The factor [V, 1, H, W] of each view over the frame, a polynomial of yⁱ xʲ, i + j ≤ 4.
+
+    It is fitted so that `light` becomes `observed`, with the weights `common`.
+    """
     size = [min(_CELLS, side) for side in light.shape[2:]]
     squares, products = (
         interpolate((common * light * each).sum(1, keepdim=True), size, mode="area").double()
@@ -149,7 +155,7 @@ def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
 
 
 def _monomials(size: list[int]) -> Tensor:
-    """The products yⁱ xʲ, i + j ≤ 4, [15, h, w], of y and x from -1 to 1 over a frame."""
+    """The products yⁱ xʲ, i + j ≤ 4, [15, h, w], with y and x from -1 to 1 over the frame."""
     degrees = torch.arange(_FALLOFF + 1)[:, None]
     rows, columns = (((2 * torch.arange(n).double() + 1) / n - 1) ** degrees for n in size)
     i, j = torch.ones(_FALLOFF + 1, _FALLOFF + 1).triu().fliplr().nonzero().unbind(1)
@@ -157,7 +163,7 @@ def _monomials(size: list[int]) -> Tensor:
 
 
 def error_of(residual: Tensor, weight: Tensor) -> float:
-    """The weighted mean of Huber's loss of differences; infinite if there is hardly any weight."""
+    """The weighted mean of Huber's loss of differences; inf if there is hardly any weight."""
     if float(weight.mean()) < _MIN_WEIGHT:
         return math.inf
     return float((measure_of(residual) * weight).sum() / (weight.sum() * residual.shape[1]))

@@ -1,10 +1,10 @@
 """Arrays of numbers in files: NPY, PFM, .dpt, COLMAP; NPZ and HDF5.
 
 PFM (netpbm): ``Pf``, width, height, scale, then rows from bottom to top; a negative scale means
-little endian. OpenImageIO returns the rows upside down or not depending on how it is asked.
-Sintel's .dpt (its ``sintel_io.py``): the float 202021.25, width, height, then rows, all little
-endian. COLMAP (``scripts/python/read_write_dense.py``): ``width&height&channels&``, then rows.
-MATLAB 7.3 is HDF5 behind a block of text, its axes in reverse order as HDF5 shows them.
+little endian. OpenImageIO may return the rows upside down, so that PFM is read here. Sintel's .dpt
+(its ``sintel_io.py``): the float 202021.25, width, height, then rows, all little endian. COLMAP
+(``scripts/python/read_write_dense.py``): ``width&height&channels&``, then rows. MATLAB 7.3 is HDF5
+after a block of text; HDF5 shows its axes in reverse order.
 """
 
 from __future__ import annotations
@@ -54,22 +54,25 @@ _LONGEST_HEADER = 2**16  # bytes
 
 @dataclass(frozen=True)
 class ArrayEntry:
-    """An array in a file."""
+    """An array in a file, not loaded yet."""
 
     shape: tuple[int, ...]  # of the whole array
     dtype: str  # as NumPy names it, like ``float32``
-    # Reads the array, or with a number only that entry of its first axis
+    # Reads the whole array; given an index, only this entry of its first axis
     load: Callable[[int | None], NDArray[Any]]
 
 
 def array_type(head: bytes) -> str:
-    """NPY, PFM, DPT, COLMAP, NPZ or HDF5 for a file that starts with ``head``; else empty."""
+    """The type of an array file that starts with ``head``, or an empty text for other files.
+
+    The types are NPY, PFM, DPT, COLMAP, NPZ, HDF5 and MATLAB 5.
+    """
     kind = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
     return "COLMAP" if _COLMAP.match(head) else kind
 
 
 def has_frames(path: Path) -> bool:
-    """Whether a file holds several arrays or a stack of frames, of which ``part`` chooses one."""
+    """Whether a file may hold several maps, one of which the option ``part`` chooses."""
     kind = array_type(read_head(path, _HEAD))
     if kind == "NPY":
         return any(frames_of(entry.shape) > 1 for entry in read_entries(path).values())
@@ -79,7 +82,8 @@ def has_frames(path: Path) -> bool:
 def read_entries(path: Path) -> dict[str, ArrayEntry]:
     """The numeric arrays of two or more axes in a file, by name; a single array has the name "".
 
-    Arrays of uncompressed files are mapped into memory, not loaded.
+    Arrays of uncompressed files are mapped into memory, not loaded. A file without any such array
+    is an InputError.
     """
     kind = array_type(read_head(path, _HEAD))
     if kind == _MATLAB_5:
@@ -107,7 +111,7 @@ def read_entries(path: Path) -> dict[str, ArrayEntry]:
 
 
 def read_array(path: Path) -> NDArray[Any]:
-    """The numbers of a file of one array."""
+    """The numbers of the only array in a file; several are an InputError."""
     entries = read_entries(path)
     if len(entries) > 1:
         problem = f"holds the arrays {', '.join(list(entries)[:20])}"
@@ -117,7 +121,7 @@ def read_array(path: Path) -> NDArray[Any]:
 
 
 def read_map(path: Path) -> NDArray[Any]:
-    """The numbers [H, W] of a file of one map."""
+    """The numbers [H, W] of the only map in a file; axes of length 1 are removed."""
     values = read_array(path)
     values = values.reshape(squeezed_shape(values.shape))
     if values.ndim != 2:
@@ -135,13 +139,13 @@ def squeezed_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def frames_of(shape: tuple[int, ...]) -> int:
-    """The number of maps [H, W] in an array of a shape; 1 if the shape is no stack of maps."""
+    """The number of maps in an array of shape [N, H, W] or [N, 1, H, W]; 1 for other shapes."""
     shape = squeezed_shape(shape)
     return shape[0] if len(shape) == 3 or (len(shape) == 4 and shape[1] == 1) else 1
 
 
 def wrong_shape(path: Path, shape: tuple[int, ...]) -> InputError:
-    """The error for an array that is no map."""
+    """The error for an array that is not one map [H, W]."""
     problem = f"has {times(shape)} numbers, not height × width"
     remedy = "save one map in each file, or give ‹depth-format›"
     return InputError("wrong-shape", problem, remedy, path=path)
@@ -200,8 +204,8 @@ def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
 
 
 def _npy_header(stored: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type of an NPY file; no axes if it holds no numbers."""
-    file = BytesIO(stored.read(_LONGEST_HEADER))  # one may claim a header of any length
+    """Shape and type of an NPY file; the shape is () if it holds no numbers."""
+    file = BytesIO(stored.read(_LONGEST_HEADER))  # a file may claim a header of any length
     major, minor = np.lib.format.read_magic(file)
     shape, _, dtype = getattr(np.lib.format, f"read_array_header_{major}_{minor}")(file)
     return shape if dtype.kind in _NUMERIC else (), dtype

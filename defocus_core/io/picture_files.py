@@ -33,7 +33,7 @@ from defocus_core.io.images.raster import PLAIN_CHANNELS
 if TYPE_CHECKING:
     from os import PathLike
 
-BYTES = "bytes"  # what errors name where there is no file
+BYTES = "bytes"  # the name in errors of input that is not a file
 HOLES = ("keep", "error", "far", "fill")
 
 
@@ -65,18 +65,18 @@ def read_color(
 
     Args:
         path: The file, or its bytes.
-        layer: Which colour layer of an EXR file of several; PART/LAYER works.
-        part: Which part of an EXR file, or page of a TIFF, from 0.
-        view: Which view of an EXR file of several; None for its default one.
+        layer: Name of a colour layer of an EXR file of several; PART/LAYER works, too.
+        part: Index of a part of an EXR file or a page of a TIFF, from 0.
+        view: Name of a view of an EXR file of several; None for its default one.
 
     Returns:
         Its ``pixels``, float32 [H, W, C], scene-linear, premultiplied by alpha; the names of their
         ``channels``, R G B or Y, then A if there is one; ``note``, how the samples were understood;
-        ``warnings``, what of the file was not applied; ``attributes``, its metadata.
+        ``warnings``, declarations of the file that were not applied; ``attributes``, its metadata.
 
     Raises:
         InputError: The file cannot be read, or has no colour or several to choose from.
-        UsageProblem: A layer or view is asked of a file that has none.
+        UsageProblem: A layer or view is named for a file that has none.
     """
     with as_file(path) as file:
         return color_files.read_color(file, layer=layer, part=part, view=view)
@@ -106,33 +106,34 @@ def read_depth(
     Args:
         path: The file: EXR, PNG, TIFF, NPY, NPZ, PFM, HDF5, …; or its bytes.
         format: The name of its format, like ``kitti``; ``defocus help depth`` lists all.
-        unit: Of the numbers: mm, cm, m or ft.
-        scale: Multiplies the numbers; negative for depth that is negative in front of the camera.
+        unit: Unit of the numbers: mm, cm, m or ft.
+        scale: Factor on the numbers; negative for depth that is negative in front of the camera.
         kind: What the numbers are: depth or disparity.
-        channel: Which channel of an EXR file, or array of a container; PART/CHANNEL works.
-        part: Which part of an EXR file, page of a TIFF or frame of an array, from 0.
-        view: Which view of an EXR file of several.
-        range_mm: The distances in mm at the ends of the range of the numbers (of floats 0 and 1):
-            for depth that of 0, then that of the greatest number; for disparity that of the
-            greatest number, then that of 0.
+        channel: Name of a channel of an EXR file, or of an array in a file of several; PART/CHANNEL
+            works, too.
+        part: Index of a part of an EXR file, page of a TIFF or frame of an array, from 0.
+        view: Name of a view of an EXR file of several.
+        range_mm: The distances in mm of the ends of the range of the numbers (0 and 1 for floats).
+            For depth, first that of 0, then that of the greatest number; for disparity, first that
+            of the greatest number, then that of 0.
         radial: True if the numbers are distances to the point, False if they are planar.
         focal_px: Focal length of the picture in px.
         fov: Horizontal field of view in degrees.
-        baseline_mm: Distance between the two cameras of a disparity.
-        doffs: Px added to a disparity.
-        sky: Numbers from this one on are sky; of disparity, up to this one.
-        invalid: What becomes of pixels without depth: keep (as the file has them: NaN, 0 or
-            negative), error, far (+inf) or fill (from the farther neighbour).
+        baseline_mm: Distance in mm between the two cameras of a disparity.
+        doffs: px added to a disparity.
+        sky: This number and greater ones are sky; for disparity, this number and smaller ones.
+        invalid: What is done with pixels without depth: keep (as in the file: NaN, 0 or negative),
+            error, far (set to +inf) or fill (from the farther neighbour).
 
     Returns:
         Its ``metres``, float32 [H, W], planar distance along the axis, where +inf is sky;
         ``invalid``, bool [H, W], where there is no depth; ``note``, how the file was understood;
-        ``warnings``, what was taken for granted. Of a format that holds radii (``is_radius``),
-        ``metres`` are signed radii of the blur in px.
+        ``warnings``, what was assumed. If the format holds radii (``is_radius``), ``metres`` are
+        signed radii of the blur in px.
 
     Raises:
-        InputError: The file cannot be read, what its depth is stays open, or pixels have none and
-            ``invalid="error"``.
+        InputError: The file cannot be read, the meaning of its numbers is unknown, or pixels have
+            no depth and ``invalid="error"``.
         UsageProblem: An option is missing, unknown, or makes no sense for this file.
     """
     _bounded("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
@@ -171,7 +172,7 @@ def write_image(
     jpeg_quality: int = 95,
     attributes: Mapping[str, object] | None = None,
 ) -> list[str]:
-    """Write a picture; its folder is made, and a file that is there replaced.
+    """Write a picture; missing folders are made, and an existing file is replaced.
 
     Args:
         path: Its suffix says the format: exr, png, tif, tiff, jpg, jpeg or webp. EXR is linear; the
@@ -179,12 +180,12 @@ def write_image(
         pixels: [H, W, C] or [H, W], scene-linear, premultiplied by alpha if there is one.
         channels: Names of the C channels; None for Y, YA, RGB or RGBA.
         exr_type: Number type of an EXR, half or float.
-        bits: Of a PNG, 8 or 16; a TIFF has 16.
-        jpeg_quality: Of JPEG and WEBP, 1 to 100.
-        attributes: Metadata, as those of a `Color`.
+        bits: Bits of a PNG, 8 or 16; a TIFF has 16.
+        jpeg_quality: Quality of JPEG and WEBP, 1 to 100.
+        attributes: Metadata, as in ``attributes`` of `read_color`.
 
     Returns:
-        What the file cannot hold, like pixels that were clipped; one clause each.
+        Warnings of what the file cannot hold, like clipped pixels; one clause each.
 
     Raises:
         InputError: The file cannot be written.
@@ -222,7 +223,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
     """Write numbers as they are, in float32: depth in metres, radii in px, ….
 
     Args:
-        path: An EXR or TIFF file; its folder is made, and a file that is there replaced.
+        path: An EXR or TIFF file; missing folders are made, and an existing file is replaced.
         plane: [H, W].
         channel: Name of the channel; Z is depth.
 
@@ -245,7 +246,6 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
 
 
 def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str = "") -> str | None:
-    """The word of an option, once it is known to be one of those that it may have."""
     if word is None or word in known:
         return word
     remedy = did_you_mean(str(word), known, otherwise or f"choose from {', '.join(known)}")
@@ -254,7 +254,6 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
 
 
 def _bounded(field: str, value: float | None, end: float = math.inf) -> float | None:
-    """A number between 0 and `end`, or None."""
     if value is None or 0 < value < end:
         return value
     wanted = "positive and finite" if end == math.inf else f"above 0 and below {end:g}"

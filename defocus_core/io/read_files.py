@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 
 
 AGAIN = "write or copy it again"
-# What is raised where a foreign document, JSON that may be anything, is taken for one of ours.
+# Exceptions raised when a JSON document of any content is read as one of a known structure.
 MALFORMED = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
 MAX_PIXELS = 2**30
-_HOLLOW, _FILLED = 2**30, 64  # of a file of more bytes one of so many must be on the disk
-# No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
+_HOLLOW, _FILLED = 2**30, 64  # of files larger than the first, 1 byte of 64 must be on the disk
+# No codec compresses real pixels by more than MAX_RATIO; smaller images are not checked.
 MAX_RATIO = 10_000
 UNASKED_BYTES = 2**28
 _NO_CODEC = ("support is not configured", "decoding is not implemented")  # as libtiff says it
 
-# What systems say where not the file is at fault; what helps.
+# Messages of the system that the file is not to blame for, and their remedies.
 _LACKS = {
     os.strerror(errno.EMFILE): "allow more, as 'ulimit -n 4096' does",
     os.strerror(errno.ENFILE): "close other programs",
@@ -66,7 +66,7 @@ def read_plain(path: Path, maximum: int = 2**24) -> bytes:
 
 
 def opened_plain(path: Path, flags: int) -> int:
-    """The descriptor of a regular file, opened without waiting at a pipe."""
+    """The descriptor of a regular file opened with `flags` of os.open, never waiting at a pipe."""
     number = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     try:
         status = os.fstat(number)
@@ -90,13 +90,13 @@ def require_regular(status: os.stat_result) -> None:
 
 
 def through_link() -> OSError:
-    """The OSError for a path that a link is part of."""
+    """The OSError for a path with a symbolic link in it."""
     return OSError(errno.ELOOP, "a symbolic link is in its way")
 
 
 def once(function: _OfFile) -> _OfFile:
-    """The function of a file, with results cached until the file changes."""
-    # more than the files of a job: headers may be large
+    """Decorate a function of a file, so that its results are cached until the file changes."""
+    # more than a job has files; not many more, as headers may be large
     found = lru_cache(maxsize=32)(lambda _stamp, *of: function(*of))
 
     @wraps(function)
@@ -168,7 +168,10 @@ def missing(path: Path, what: str = "file") -> InputError:
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
-    """Refuse a size in px that is too large, at `pixel_bytes` per pixel, before allocation."""
+    """Refuse an image whose header claims more pixels than it can hold, before allocation.
+
+    `pixel_bytes`: decoded bytes of a pixel.
+    """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
         raise InputError("damaged", f"is damaged: {claim}", AGAIN, path=path)
@@ -183,7 +186,7 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Discard all that is printed while the block runs in one thread at a time.
+    """Discard all that is printed during the block; only one thread at a time runs such a block.
 
     stdout and stderr belong to the process: what other threads print meanwhile is lost too, unless
     they print inside `spoken`.
@@ -217,26 +220,32 @@ def spoken() -> Iterator[None]:
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
-    """The error for a file that cannot be decoded, or for a lack in the system, like memory."""
+    """The error for a file that cannot be decoded, unless the message `why` blames the system.
+
+    Then it is the error for what the system lacks, such as memory. `what`: the problem in words.
+    """
     return _lacking(path, why) or InputError("damaged", f"{what} ({why})", AGAIN, path=path)
 
 
 def _lacking(path: Path, why: str) -> InputError | None:
-    """The error for a lack in the system by the message `why`; None if the file is at fault."""
+    """The error for what the system lacks, such as memory; None if the message `why` names none."""
     lacks = next((words for words in _LACKS if words.lower() in why.lower()), "")
     problem = f"cannot be read: {lacks}"
     return InputError("unreadable", problem, _LACKS[lacks], path=path) if lacks else None
 
 
 def needs_extra(path: Path, kind: str, library: str, extra: str) -> InputError:
-    """The error for a file that needs a library that is not installed."""
+    """The error for a file whose library is not installed; `extra`: the pip extra that has it."""
     problem = f"is {kind} file, which is read with {library}, and {library} is not installed"
     return InputError("needs-extra", problem, f"run: pip install 'defocus[{extra}]'", path=path)
 
 
 @contextmanager
 def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[Any]:
-    """The OpenImageIO input of a file, without limits of size or conversion of samples."""
+    """Yield the OpenImageIO input of a file, without limits of size or conversion of samples.
+
+    `refusal`: makes the error from OpenImageIO's message if the file cannot be opened.
+    """
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
@@ -249,7 +258,7 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
         why = first_line(path, oiio.geterror())
         try:
             path.open("rb").close()
-        except OSError as error:  # of PNG and JPEG it does not say why
+        except OSError as error:  # OpenImageIO gives no reason for PNG and JPEG
             why = reason(error)
         raise refusal(why)
     try:
@@ -262,9 +271,10 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
 def decoded_rows(
     path: Path, file: Any, part: int, rows: tuple[int, int], channels: tuple[int, int], kind: str
 ) -> NDArray[Any]:
-    """Rows [h, W, C] of an `opened_image` as they are in the file.
+    """Rows [h, W, C] of an `opened_image`, as they are in the file.
 
-    `rows`, `channels`: (first, last + 1) of each; `kind`: the type of the numbers.
+    `part`: index of the image in the file; `rows`, `channels`: (first, end) of each; `kind`: the
+    type of the numbers.
     """
     spec = file.spec()
     if spec.tile_width:
@@ -285,7 +295,7 @@ def decoded_rows(
 
 @contextmanager
 def decoding(path: Path, what: str = "is truncated or damaged") -> Iterator[None]:
-    """Convert the exceptions that a library raises in the block into the error for damage."""
+    """Convert exceptions of a decoder in the block into the InputError for damage."""
     try:
         yield
     except InputError:

@@ -1,4 +1,4 @@
-"""Files of rows: CSV with a header, or JSONL, a JSON object a line. Lines of # are comments."""
+"""Files of rows: CSV with a header, or JSONL with a JSON object per line; # begins comments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.read_files import open_plain
 
 _LONGEST_LINE = 2**20
-Row = tuple[Place, Mapping[str, Any]]  # for errors, and values
+Row = tuple[Place, Mapping[str, Any]]  # the line, for errors, and values by key
 Columns = Callable[[list[str], Place], list[str]]
 
 
@@ -26,10 +26,11 @@ def read_rows(
     header: str = "color,depth",
     columns: Columns = lambda cells, _: cells,
 ) -> Iterator[Row]:
-    """The place and the values of each row, without empty or null values.
+    """Yield the place and the values of each row, without empty or null values.
 
-    `what`: the file, in words; `example`: a row of JSON, empty if JSONL is not accepted; `header`:
-    a header of CSV; `columns`: a function from the cells of a header and its place to the keys.
+    `what`: the file, in words for errors; `example`: a row of JSON to propose, empty if JSONL is
+    not accepted; `header`: a header of CSV to propose; `columns`: makes the keys from the cells of
+    a header and its place.
     """
     suffix, known = file.suffix.lower(), (".csv", ".jsonl") if example else (".csv",)
     if suffix not in known:

@@ -1,4 +1,4 @@
-"""Wildcards of paths: the matching files, each named by the text that the wildcards match."""
+"""Wildcards in paths: the matching files, each named by the text that the wildcards match."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from defocus_core.errors import InputError
 _WILDCARD = re.compile(r"(\*+|\?|\[[^\]]+\])")
 _NUMBER = re.compile("#+")
 
-_Piece = tuple[str, str]  # what the wildcards of a part stand for; the same with the text before
+# Of one part of a path, the text that its wildcards match, and this with the text before it
+_Piece = tuple[str, str]
 
 
 def has_wildcard(pattern: str | Path) -> bool:
@@ -27,7 +28,7 @@ def texts_before(pattern: str | Path) -> list[str]:
 
 
 def wild_text(name: str, pattern: str) -> str | None:
-    """The texts that wildcards of a pattern match in a name, joined by _; None without a match.
+    """The texts that a pattern's wildcards match in a name, joined by _; None if it does not match.
 
     A run of ``#`` matches a whole number of at least as many digits.
     """
@@ -42,9 +43,10 @@ def wild_text(name: str, pattern: str) -> str | None:
 def matching(
     folder: Path, pattern: str | Path, *, with_text: bool = False
 ) -> Iterator[tuple[str, Path]]:
-    """Name and path of each file that a pattern matches; hidden ones are left out.
+    """Yield name and path of each file that a pattern matches; hidden files are left out.
 
-    `pattern`: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
+    `pattern`: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth. The name is
+    the text that its wildcards match; `with_text`: with the literal text before them, too.
     """
     parts = Path(os.path.normpath(pattern)).parts
     parts += ("*",) * (parts[-1] == "**")
@@ -54,7 +56,7 @@ def matching(
 
 
 def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
-    """The files below a folder that match the parts of a pattern, and the pieces of their names."""
+    """Yield each file below a folder that matches the parts of a pattern, and its pieces."""
     part, rest = parts[0], parts[1:]
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
     if not os.access(folder, needed):
@@ -73,11 +75,11 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
 
 
 def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
-    """Entries of a folder that match one part of a pattern, and whether each is a folder.
+    """Yield the entries of a folder that match one part of a pattern: path, pieces, is a folder.
 
-    Pieces leave out the suffix of a file.
+    `last`: whether it is the last part; pieces then leave out the suffix.
     """
-    if os.path.lexists(folder / part):  # a name with brackets is one, if it is there
+    if os.path.lexists(folder / part):  # brackets may belong to the name of an existing file
         yield folder / part, [], (folder / part).is_dir()
         return
     if not has_wildcard(part):
@@ -98,10 +100,10 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
 
 
 def _reversed_expression(part: str) -> str:
-    """A regular expression of reversed names that match, with a group for each wildcard.
+    """A regular expression that matches reversed names, with a group for each wildcard.
 
-    Each ``*`` matches as much as possible, the first before the others. In reverse, each ``*`` but
-    the first matches as little as possible, without backtracking.
+    Each ``*`` matches as much as possible, the first before the others. In reversed names, each
+    ``*`` but the first matches as little as possible, without backtracking.
     """
     groups = {"?": "(.)", "[": "(.)", "*": "(.*)"}
     expression = ""
@@ -113,7 +115,7 @@ def _reversed_expression(part: str) -> str:
 
 
 def _refuse_circle(folder: Path) -> None:
-    """Refuse a link to a folder that contains the link, as ``**`` would never end."""
+    """Refuse a link to a folder that contains the link, as ``**`` would never end there."""
     if not folder.is_symlink():
         return
     real = folder.parent.resolve()

@@ -1,8 +1,9 @@
-"""Files written whole or not at all, and the folders that they lie below.
+"""Files written completely or not at all, and the folders below which they lie.
 
-A folder may be a link, as the user named it, and no link below it is followed. Names of files below
-it may come from untrusted files; `path_fault` says what is wrong with such a name. In a folder of a
-user, only what a run of ours wrote may be replaced, and no input of it.
+A folder may itself be a link, as the user named it, but no link below it is followed. Names of
+files below it may come from untrusted files; `path_fault` says what is wrong with such a name. In a
+user's folder, only files that a run of defocus wrote may be replaced, and never an input of the
+run.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from typing import BinaryIO, NamedTuple
 from defocus_core.errors import InputError, reason
 from defocus_core.io.read_files import open_plain, opened_plain, require_regular, through_link
 
-LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # a hidden sibling, with its process
+LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # name of a sibling, with the number of its process
 _serial = itertools.count()
 
 
 def path_fault(name: object) -> str | None:
-    """What is wrong with a name below a folder, as ``leads upwards``; None if nothing is."""
+    """The fault of a name below a folder in words, like ``leads upwards``; None if it has none."""
     try:
         is_name = isinstance(name, str) and bool(os.fsencode(name)) and "\0" not in name
     except UnicodeEncodeError:
@@ -53,10 +54,7 @@ class Folder:
     root: Path
 
     def path(self, name: str, *, make: bool = False) -> Path:
-        """The path of a regular file or of a missing file.
-
-        `make`: whether its folders are made.
-        """
+        """The path of a regular file or of a missing file; `make`: whether its folders are made."""
         place = self._place(name, make=make)
         with suppress(FileNotFoundError):
             require_regular(place.lstat())
@@ -67,7 +65,7 @@ class Folder:
         return open_plain(self.path(name))
 
     def append(self, name: str) -> int:
-        """The descriptor of a regular file, open for appending; a missing file is made."""
+        """The descriptor of a regular file, open for appending; a missing file is created."""
         number = opened_plain(self.path(name, make=True), os.O_RDWR | os.O_CREAT | os.O_APPEND)
         if os.fstat(number).st_nlink > 1:  # a hard link, whose other name may lie anywhere
             os.close(number)
@@ -89,7 +87,7 @@ class Folder:
         return sorted(os.listdir(folder)) if folder.exists() else []  # noqa: PTH208 - names
 
     def create(self, name: str) -> BinaryIO:
-        """Open a new file to write and read; makes its folders, replaces a file of its name."""
+        """Open a new file for writing and reading; folders are made, an old file is replaced."""
         place = self._place(name, make=True)
         place.unlink(missing_ok=True)
         return place.open("x+b")
@@ -99,7 +97,7 @@ class Folder:
         self._place(name, make=True).hardlink_to(source.resolve())
 
     def rename(self, name: str, last: str) -> None:
-        """Rename a file durably within its folder; a file of the new name is replaced."""
+        """Rename a file within its folder and flush this to disk; an old file is replaced."""
         place = self._place(name)
         place.replace(place.with_name(last))
         sync_folder(place.parent)
@@ -123,8 +121,8 @@ class Folder:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable, where the system can."""
-    with suppress(PermissionError):  # one that may be written may not be readable
+    """Flush the names in a folder to disk, where the system can."""
+    with suppress(PermissionError):  # a folder that may be written may not be readable
         number = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(number)
@@ -141,7 +139,7 @@ class _Sibling(NamedTuple):
 
     @classmethod
     def create(cls, path: Path, root: Path | None) -> _Sibling:
-        """A new sibling; `root`: a folder above both files; None for their own folder."""
+        """A new sibling of `path`; `root`: a folder above both files, None for their own folder."""
         root = root or path.parent
         name = path.with_name(f"{_leftover(path)}{os.getpid()}.{next(_serial)}.tmp")
         return cls(Folder(root), name.relative_to(root).as_posix(), path)
@@ -152,8 +150,8 @@ class _Sibling(NamedTuple):
             self.folder.remove(self.name)
 
 
-# Of the innermost `written_together`, the files, and the folder that they lie below, no link of
-# which is followed: None where each lies in a folder that the user named.
+# The files of the innermost `written_together`, and the folder below which they lie, where no link
+# is followed; None if the user named the folder of each file.
 _together: ContextVar[tuple[list[_Sibling], Path | None] | None] = ContextVar(
     "together", default=None
 )
@@ -161,7 +159,7 @@ _together: ContextVar[tuple[list[_Sibling], Path | None] | None] = ContextVar(
 
 @contextmanager
 def written_together(root: Path | None = None) -> Iterator[None]:
-    """Let files that are `written_whole` in the block appear together at its end, or none."""
+    """Let the files that are `written_whole` in the block appear together at its end, or none."""
     files: list[_Sibling] = []
     token = _together.set((files, root))
     try:
@@ -181,8 +179,8 @@ def written_together(root: Path | None = None) -> Iterator[None]:
 def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
-    Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
-    is untouched. Siblings that killed processes left are removed, not those of `written_together`.
+    Folders are made. If anything fails, the sibling is removed and an existing ``path`` is
+    untouched. Siblings that killed processes left are removed, except within `written_together`.
     """
     together = _together.get()
     if together is None:
@@ -208,7 +206,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
 
 
 def link_or_copy(source: Path, path: Path) -> None:
-    """Put a file of `written_together` at another place: a hard link, or else a copy."""
+    """Put a file of `written_together` at a second path: as a hard link, or else as a copy."""
     together = _together.get()
     assert together is not None
     sibling = _Sibling.create(path, together[1])
@@ -221,12 +219,12 @@ def link_or_copy(source: Path, path: Path) -> None:
 
 
 def _leftover(path: Path) -> str:
-    """The prefix of the names of the siblings of ``path``; the number of the process follows."""
+    """The prefix of the names of the siblings of ``path``; the process number follows."""
     return f".{path.name[:48]}."
 
 
 def left_in(folder: Path) -> Iterator[str]:
-    """The names of the siblings that ended processes of this machine left in a folder."""
+    """Yield the names of siblings in a folder that ended processes of this machine left."""
     with suppress(OSError):
         for name in Folder(folder).names():
             process = LEFTOVER.fullmatch(name)
@@ -275,7 +273,7 @@ def _picture(kind: str) -> re.Pattern[bytes]:
     return re.compile(rf"(?:\x89PNG|v/1\x01).*{KIND}\0.{{0,16}}{kind}".encode("latin-1"), re.S)
 
 
-# By kind: how such a file of ours begins.
+# Patterns of the first bytes of files that defocus writes, by kind.
 _BEGINNINGS = {
     "html": re.compile(
         rb"<!doctype html>.*default-src 'none'; img-src data:; style-src 'sha256-", re.S
@@ -286,7 +284,7 @@ _BEGINNINGS = {
     ),
     CONTACT: _picture(CONTACT),
     DIFFERENCE: _picture(DIFFERENCE),
-    GOLDEN: re.compile(b"(?!)"),  # which of them is ours, pairs and recipes say
+    GOLDEN: re.compile(b"(?!)"),  # matches nothing: pairs and recipes decide
 }
 
 
@@ -300,7 +298,8 @@ def require_replaceable(
     """Refuse to replace a file or folder that must be kept.
 
     `kind`: a key of `_BEGINNINGS`; a file of that kind, or an empty one, may be replaced;
-    `overwrite`: any file may be, except `inputs`, the `identities` of files that are read.
+    `overwrite`: whether any file may be replaced; `inputs`: the `identities` of files that are
+    read, which are never replaced.
     """
     if inputs and not inputs.isdisjoint(identities([path])):
         raise replaces_input(path)
@@ -313,7 +312,7 @@ def require_replaceable(
         with open_plain(path) as file:
             head = file.read(_HEAD)
     except IsADirectoryError:
-        return  # who writes it says what is wrong
+        return  # writing it raises the error
     except OSError as error:
         problem = f"cannot be replaced: {reason(error)}"
         raise InputError("unwritable", problem, "name another file", path=path) from None

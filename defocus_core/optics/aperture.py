@@ -358,5 +358,5 @@ def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
 
 
 def _is(value: Scalar, number: float) -> bool:
-    """Whether a value is a plain number equal to `number`, never so for tensors (may be learnt)."""
+    """Whether a value is a plain number equal to `number`; False for tensors, which are learnt."""
     return not isinstance(value, Tensor) and value == number

@@ -18,5 +18,5 @@ def coc_per_disparity(foclen: Any, fnum: Any, foc_dist: Any) -> Any:
 
 
 def coc_of(per_disparity: Any, focus: Any, depth: Any) -> Any:
-    """The law: signed CoC in mm at a depth in mm, given A v in mm² and the focus as 1/s in 1/mm."""
+    """The law: signed CoC in mm at a depth in mm, given A v in mm² and the focus 1/s in 1/mm."""
     return per_disparity * (focus - 1 / depth)

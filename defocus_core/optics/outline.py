@@ -279,7 +279,7 @@ class PupilImage(Outline):
         self._radius = self.reach(self._middle)
 
     def reach(self, middle: tuple[float, float]) -> float:
-        """The greatest distance in px along an axis to the border of a bright pixel."""
+        """The greatest distance in px along an axis from `middle` to a bright pixel's border."""
         return max(
             max(at - int(bright[0]), int(bright[-1]) + 1 - at)
             for at, bright in zip(middle, self._bright, strict=True)

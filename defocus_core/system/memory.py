@@ -29,7 +29,7 @@ _LARGEST, _FOREVER = 2**25, 2**31 - 1
 
 @contextmanager
 def without_collections() -> Iterator[None]:
-    """Pause garbage collection, which would find nothing and take most of the time."""
+    """Pause garbage collection during the block, where it would find nothing and cost time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -47,12 +47,16 @@ def held_mb() -> float:
 
 
 def available_mb(device: str = "cpu") -> float | None:
-    """Memory in MB that can be taken without swapping or being killed; None where unknown."""
+    """Memory in MB that can be taken without swapping or being killed; None if unknown.
+
+    `device`: "cpu", or "cuda" for the memory of the GPU.
+    """
     if device == "cuda":
         import torch
 
         return torch.cuda.mem_get_info()[0] / MB
-    return _available_mb(int(time.monotonic()))  # to ask takes longer than a small picture
+    # cached for a second, as asking takes longer than a small picture
+    return _available_mb(int(time.monotonic()))
 
 
 @lru_cache(maxsize=1)
@@ -89,18 +93,18 @@ def _entry(file: Path, name: str) -> float:
 
 
 def trim() -> None:
-    """Give freed memory back to the system; other allocators than glibc's keep it."""
+    """Give freed memory back to the system; has no effect on allocators other than glibc's."""
     _glibc("malloc_trim", 0)
 
 
 def keep_freed() -> None:
-    """Let glibc keep freed memory below _LARGEST bytes: to take pages anew is 3 to 10 % of time."""
+    """Let glibc keep freed blocks below _LARGEST bytes: new pages would cost 3 to 10 % of time."""
     _glibc("mallopt", _M_MMAP_THRESHOLD, _LARGEST)
     _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER)
 
 
 def share_heap() -> None:
-    """Let later threads share one heap of glibc, so that one uses what another has freed."""
+    """Let threads started later share one heap of glibc, so that each can use what others freed."""
     _glibc("mallopt", _M_ARENA_MAX, 1)
 
 

@@ -1,10 +1,10 @@
 """A process that renders: its settings, and the signals that end it.
 
-Each thread works on tiles, and torch uses one thread inside it: more would only wait for each
-other. The interpreter switches threads more often than usual, since the steps of a tile are short
-and a thread that waits 5 ms misses many. The memory of one tile is kept for the next.
+Each thread works on tiles, and torch uses a single thread within it, as more threads would wait for
+each other. The interpreter switches threads more often than usual, since the steps of a tile are
+short and a thread that waits 5 ms misses many. The memory of one tile is kept for the next.
 
-The first Ctrl-C lets the pictures that have been begun be finished; the second one stops at once.
+After the first Ctrl-C the pictures that were begun are finished; the second one stops at once.
 SIGTERM and SIGHUP stop at once, since their sender may not wait: no file is left half written.
 """
 
@@ -45,7 +45,7 @@ def set_to_render() -> None:
 
 
 def is_torch_loaded() -> bool:
-    """Whether torch was imported: its import takes a second, and compiled loops need none of it."""
+    """Whether torch was imported, which takes a second and is not needed by compiled loops."""
     return "torch" in sys.modules
 
 
@@ -59,7 +59,7 @@ def load_torch() -> None:
 
 
 def may_have_gpu() -> bool:
-    """Whether there is a driver of a GPU that torch may find, as found out without torch."""
+    """Whether a driver is installed with which torch may find a GPU; torch is not imported."""
     if is_torch_loaded() or Path("/dev/kfd").exists():
         return True
     for name in ("libcuda.so.1", "nvcuda.dll"):
@@ -109,7 +109,14 @@ R = TypeVar("R")
 def spread(
     work: Callable[[T], R], pieces: Sequence[T], processes: int, subject: str
 ) -> Iterator[R]:
-    """Yield the result of each piece, in the order of pieces, as soon as the result is there."""
+    """Yield the result of each piece of work, in the order of the pieces.
+
+    Args:
+        work: Computes the result of a piece.
+        pieces: What to compute.
+        processes: Number of processes; below 2, or with few pieces, this process does the work.
+        subject: What the pieces are, for the error if a process dies.
+    """
     if processes < 2 or len(pieces) < _FEW:
         yield from map(work, pieces)
         return
@@ -135,7 +142,7 @@ _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 
 
 class Terminated(BaseException):
-    """A signal of the system that ends this process; ``number`` is its number."""
+    """Raised for a signal of the system that ends this process; ``number`` is its number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -149,7 +156,7 @@ class Terminated(BaseException):
 
 @contextmanager
 def terminations() -> Iterator[None]:
-    """Raise `Terminated` in the block for the first signal that would end the process."""
+    """Raise `Terminated` in the block at the first signal that would end the process."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -172,7 +179,7 @@ def terminations() -> Iterator[None]:
 
 @contextmanager
 def delayed_signals() -> Iterator[None]:
-    """Delay signals to the end of the block, where they could break an import."""
+    """Delay signals that arrive in the block until its end, as they could break an import."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -191,7 +198,10 @@ def delayed_signals() -> Iterator[None]:
 
 
 class Interrupts:
-    """A context in which the first Ctrl-C is remembered, and the second one raises."""
+    """A context in which the first Ctrl-C sets ``asked``, and the second one raises.
+
+    If it is not `patient`, the first one raises, too.
+    """
 
     def __init__(self, *, patient: bool) -> None:
         self.asked = False

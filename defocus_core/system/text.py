@@ -30,7 +30,7 @@ def versions() -> str:
 
 @cache
 def software() -> str:
-    """The libraries and the CPU that compute, on which last digits depend."""
+    """The libraries with their versions and the CPU, on which the last digits of results depend."""
     found = []
     for name in ("torch", "numpy", "numba"):
         with suppress(metadata.PackageNotFoundError):
@@ -39,9 +39,9 @@ def software() -> str:
 
 
 def _cpu() -> str:
-    """The name of the CPU, or without Numba its instructions, and those that torch is told to use.
+    """The name of the CPU, or without Numba its instruction set, and ATEN_CPU_CAPABILITY if set.
 
-    torch itself is imported only where nothing else could have rendered.
+    torch is imported only without Numba, as then it renders anyway.
     """
     try:
         from llvmlite import binding  # type: ignore[import-untyped]
@@ -56,7 +56,7 @@ def _cpu() -> str:
 
 
 def back_words() -> str:
-    """The back that renders on a CPU here, like ``compiled by Numba 0.68.1``."""
+    """The back that renders on the CPU here, in words like ``compiled by Numba 0.68.1``."""
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return "by torch, as NUMBA_DISABLE_JIT is set"
     try:
@@ -66,12 +66,12 @@ def back_words() -> str:
 
 
 def counted(count: int, one: str) -> str:
-    """A count with its noun in singular or plural, like ``1 job``, ``2 jobs``."""
+    """A count with its noun, which gets an s in the plural, like ``1 job``, ``2 jobs``."""
     return f"{count} {one}" if count == 1 else f"{count} {one}s"
 
 
 def times(shape: Iterable[int]) -> str:
-    """The numbers of an array along its axes, like ``2 × 3``; ``no`` where it has no axis."""
+    """The lengths of an array's axes in words, like ``2 × 3``; ``no`` if it has no axis."""
     return " × ".join(map(str, shape)) or "no"
 
 
@@ -84,7 +84,7 @@ def note(line: str) -> None:
 
 
 def command_line(words: Iterable[object]) -> str:
-    """A command line of words, quoted for a POSIX shell like bash or zsh."""
+    """Words joined to a command line, quoted for a POSIX shell like bash or zsh."""
     return " ".join(map(_word, words))
 
 

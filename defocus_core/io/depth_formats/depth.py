@@ -35,10 +35,13 @@ from defocus_core.system.text import counted
 def fill_from_farther(
     metres: Any, valid: NDArray[np.bool_], farther: np.ufunc = np.maximum
 ) -> None:
-    """Fill invalid pixels [H, W] from the farther valid neighbour in the row; one must be valid.
+    """Fill invalid pixels [H, W] from the farther of the nearest valid pixels of their row.
 
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
+
+    `metres`: [H, W], changed in place; `valid`: [H, W], at least one True; `farther`: returns the
+    farther of two numbers, np.maximum or np.minimum.
     """
     metres[...] = _filled_along_rows(metres, valid, farther)
     some = valid.any(axis=1)
@@ -50,7 +53,10 @@ def fill_from_farther(
 def _filled_along_rows(
     rows: NDArray[np.float32], valid: NDArray[np.bool_], farther: np.ufunc
 ) -> NDArray[np.float32]:
-    """The rows, invalid pixels filled with the farther of the nearest valid ones left and right."""
+    """The rows [H, W], each invalid pixel set to the farther of its nearest valid neighbours.
+
+    These are the nearest valid pixels to its left and right in the row.
+    """
     columns = np.arange(rows.shape[1])
     left = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     right = np.where(valid, columns, rows.shape[1])[:, ::-1]
@@ -63,7 +69,7 @@ def _filled_along_rows(
     return filled
 
 
-# What to do about invalid pixels: of most files, and of samples, behind which others may lie.
+# Remedy for invalid pixels of most files, and of deep samples, behind which others may lie.
 _FILL = "fill the holes, and write inf for sky; or give ‹invalid› far, or fill"
 _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 
@@ -72,24 +78,24 @@ _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 class Depth:
     """A decoded depth map."""
 
-    # float32 [H, W], planar distance along the axis, +inf is sky; of `is_radius`, signed CoC radius
+    # float32 [H, W]: planar distance along the axis, +inf is sky; if `is_radius`, signed CoC radius
     # in px
     metres: Any
     path: Path
     channel: str  # its name in the file, empty where channels have none
     note: str  # how the file was understood, for people
     is_radius: bool = False  # whether the file holds radii instead of depth
-    replaced: int = 0  # how many invalid pixels were taken as far, or filled
-    hole_remedy: str = _FILL  # what to do about invalid pixels
-    top_hole: str = ""  # the greatest number of the type, if it seems to mark holes
+    replaced: int = 0  # number of invalid pixels that were set to infinity or filled
+    hole_remedy: str = _FILL  # the remedy that an error on invalid pixels proposes
+    top_hole: str = ""  # the greatest number of the file's type, if it seems to mark holes
     data_window: str = ""  # the data window in words, if it does not cover the picture
     overscan: Overscan = NO_OVERSCAN  # pixels beyond the picture shown
     warnings: tuple[str, ...] = ()  # what was assumed, and what was replaced
-    # Where the colour is an element's and holds nothing, bool [H, W]; None if nowhere. The depth is
-    # inf there, a radius 0
+    # bool [H, W], pixels where the colour is empty, as around an element; None if there are none.
+    # Their depth is inf, a radius 0
     empty: Any = None
-    is_relative: bool = False  # whether the numbers are relative disparity, which gives radii, too
-    inverted: bool = False  # of relative disparity, whether black is near
+    is_relative: bool = False  # whether the numbers are relative disparity; then `is_radius`, too
+    inverted: bool = False  # whether black is near; only for relative disparity
 
     @property
     def size(self) -> tuple[int, int]:
@@ -99,13 +105,13 @@ class Depth:
 
     @property
     def ends(self) -> tuple[float, float] | None:
-        """The least and the greatest valid depth; None if no pixel has one."""
+        """(least, greatest) valid depth of pixels that are not empty; None if there are none."""
         known = self.metres[self.valid if self.empty is None else self.valid & ~self.empty]
         return (float(known.min()), float(known.max())) if known.size else None
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Pixels [H, W] with a positive depth, or a finite radius."""
+        """Mask [H, W] of the pixels with a positive depth, or with a finite radius."""
         if self.is_radius:
             finite: NDArray[np.bool_] = np.isfinite(self.metres)
             return finite
@@ -114,7 +120,7 @@ class Depth:
 
     @property
     def invalid(self) -> NDArray[np.bool_]:
-        """Pixels [H, W] without a depth."""
+        """Mask [H, W] of the pixels that are not valid."""
         return ~self.valid
 
 
@@ -127,10 +133,19 @@ def read_depth(
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
 ) -> Depth:
-    """Decode a depth map; invalid pixels are marked, or replaced if the reading asks.
+    """Decode a depth map; invalid pixels stay NaN, 0 or negative unless the reading replaces them.
 
-    `size`: (width, height) of the colour shown, in px; `lens_focal`: focal length of the lens in
-    widths of its sensor; `overscan`, `alpha` [H, W]: of the colour.
+    Args:
+        path: The depth file.
+        reading: Options that say how the file is read.
+        size: (width, height) in px of the colour shown; None if the depth has no colour.
+        lens_focal: Focal length of the lens in widths of its sensor, for a file of distances to the
+            point that says no field of view.
+        overscan: Pixels of the colour beyond the picture shown.
+        alpha: [H, W], alpha of the colour, by which depth is divided if it was premultiplied.
+
+    Raises:
+        InputError: If the file cannot be read by these options.
     """
     own = "" if reading.depth_format or reading.relative else own_format(path)
     if own and (not reading.says_scale or "depth-unit" in NAMES[own].takes):
@@ -153,7 +168,7 @@ def depth_of(
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
 ) -> Depth:
-    """The depth decoded from numbers by their format; arguments as in `read_depth`."""
+    """The depth decoded from the numbers of a file; further arguments are as in `read_depth`."""
     path, row = samples.path, resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha)
     told = []
@@ -202,7 +217,7 @@ def depth_of(
 
 
 def require_valid(depth: Depth) -> None:
-    """Refuse a depth map with holes."""
+    """Refuse a depth map with invalid pixels by an InputError that counts them."""
     count, first = count_of(depth.invalid)
     if not count:
         return
@@ -248,7 +263,10 @@ def _is_behind(depth: Depth) -> bool:
 
 
 def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
-    """Set the depth of pixels that alpha, an array or a mask file marks; yields notes in words."""
+    """Set in `metres` the depth of pixels that a channel, an array or a mask file marks.
+
+    Yields a note in words for each source.
+    """
     marks = samples.marks
     if row.mask is not None:
         from defocus_core.io.depth_formats.sidecars import mask_beside
@@ -260,7 +278,11 @@ def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterat
 
 
 def _replaced(depth: Depth, how: str) -> Depth:
-    """The depth with invalid pixels at infinity (relative: at the farthest number), or filled."""
+    """The depth with invalid pixels replaced: ``how`` is "far" or "fill".
+
+    "far" sets them to infinity, or for relative disparity to the farthest number of the map; "fill"
+    fills them from the farther neighbour.
+    """
     count = int(np.count_nonzero(depth.invalid))
     if not count:
         words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
@@ -291,7 +313,10 @@ def _replaced(depth: Depth, how: str) -> Depth:
 
 
 def _fill_too_close(depth: Depth) -> str:
-    """Replace -inf (too close for the camera) by the nearer valid neighbour; returns a note."""
+    """Replace -inf, which means too close for the camera, by the nearer valid neighbour.
+
+    Returns a note in words, empty if there is none.
+    """
     close = np.isneginf(depth.metres)
     if depth.is_radius or not close.any():
         return ""
@@ -301,14 +326,15 @@ def _fill_too_close(depth: Depth) -> str:
     return f", of which -inf in {counted(int(close.sum()), 'pixel')}, too close, from the nearer"
 
 
-# Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.
+# Range of alpha of the edge pixels by which premultiplied depth is recognised, and the least alpha
+# of the solid pixels beside them.
 _EDGE, _WHOLE = (0.05, 0.9), 0.995
-# Edge pixels that are enough to judge by, and the share of them that must look multiplied.
+# Least number of edge pixels that look multiplied, and the share of all that they must exceed.
 _ENOUGH, _MAXIMUM = 12, 0.8
 
 
 def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
-    """The numbers, divided by alpha [H, W] if they were premultiplied by alpha; and a note."""
+    """The numbers, divided by alpha [H, W] if they were premultiplied by it, and a note."""
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):
@@ -318,7 +344,7 @@ def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
 
 
 def _is_multiplied(values: Any, alpha: Any) -> bool:
-    """Whether depth at edges is that of solid neighbours times alpha, and not the depth alone."""
+    """Whether numbers at edges equal alpha times those of solid neighbours rather than these."""
     multiplied = plain = 0
     fraction, numbers = (np.asarray(each, np.float32) for each in (alpha, values))
     edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])

@@ -1,4 +1,4 @@
-"""The depth channel of an EXR file, found by the format's names or by the usual ones."""
+"""The depth channel of an EXR file, found by the names of its format or by usual names."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import Overscan
 
 _DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
-_DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
+_DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # ends of names of layers
 NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
 
 
@@ -38,7 +38,10 @@ class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
 def exr_depth_numbers(
     path: Path, reading: DepthReading, size: tuple[int, int] | None, overscan: Overscan
 ) -> DepthNumbers:
-    """Read the depth channel of an EXR file; `size`: (width, height) of its colour."""
+    """Read the depth channel of an EXR file.
+
+    `size`: (width, height) in px of its colour, or None; `overscan`: of the colour.
+    """
     headers = in_view(path, read_headers(path), reading.view)
     chosen = choose_depth_channel(path, headers, reading)
     header = chosen.header
@@ -83,9 +86,10 @@ def exr_depth_numbers(
 def choose_depth_channel(
     path: Path, headers: Sequence[Header], reading: DepthReading
 ) -> ChannelGroup:
-    """The depth channel of a file: the one named, that of the format, or one of the usual names.
+    """The depth channel of a file: the one named, that of the format, or one with a usual name.
 
-    In a file of R, G and B alone the depth is R, and G and B must equal R.
+    In a file with only R, G, B and perhaps A the depth is R; the group then lists G and B, too,
+    which must equal R.
     """
     channel = reading.depth_channel
     every = channels_of(path, headers, reading.part)
@@ -129,7 +133,7 @@ def _is_depth(candidate: ChannelGroup) -> bool:
     dot = f"{layer}.".lower() if layer else ""
     if base in _DEPTH_NAMES:
         return True
-    if base == "pz":  # of a position there are three
+    if base == "pz":  # a position has px and py, too
         return f"{dot}px" not in siblings
     if own_layer.endswith(_DEPTH_LAYERS):  # its G and B, if there are any, repeat R
         return base in ("r", "x", "y", "z", "v") and (base == "r" or f"{dot}r" not in siblings)
@@ -139,7 +143,6 @@ def _is_depth(candidate: ChannelGroup) -> bool:
 
 
 def _is_of_vector(candidate: ChannelGroup) -> bool:
-    """Whether a channel is a component of a vector, like a position or a motion."""
     layer, siblings = candidate.name.rpartition(".")[0].lower(), candidate.header.folded_names
     dot = f"{layer}." if layer else ""
     return {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings

@@ -40,9 +40,9 @@ from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images import raster
 from defocus_core.io.read_files import is_heic, is_jpeg, read_head
 
-# Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
+# Greatest difference, in levels of 8 bits, of the channels of grey after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)
-# Of a photograph that says no unit or ends, whose numbers are relative.
+# Metadata assumed for a photograph without a unit or range, whose numbers are relative.
 _ANY_ENDS = {"Units": "m", "d_min": 0.0, "d_max": 1.0, "z_near": 1.0, "z_far": 5.0}
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
@@ -52,7 +52,7 @@ Size = tuple[int, int] | None  # (width, height) of the colour of a depth file, 
 def other_numbers(
     path: Path, reading: DepthReading, size: Size, overscan: Overscan
 ) -> DepthNumbers:
-    """The numbers of a depth file that is no EXR."""
+    """The numbers of a depth file that is not EXR; `size`: (width, height) in px of its colour."""
     row, head = reading.row, read_head(path, 32)
     own = own_format(path) if reading.depth_format is None else row.name
     kind = "" if is_heic(head) else array_type(head)
@@ -69,7 +69,10 @@ def other_numbers(
 
 
 def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Size) -> DepthNumbers:
-    """The numbers of the depth image in a photograph; relative depth becomes 1 / z."""
+    """The numbers of the depth image in a photograph.
+
+    If the reading is relative, they become disparity; else they are those of the file.
+    """
     if not reading.relative and photo.type == "GDepth" and "Units" not in photo.metadata:
         problem = "has GDepth without Units, which is relative"
         remedy = "give ‹blur› 20px ‹focus-at› X,Y instead of a lens"
@@ -119,7 +122,7 @@ def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthRea
 
 
 def _frame(path: Path, entry: ArrayEntry, reading: DepthReading, size: Size) -> NDArray[Any]:
-    """One map [H, W] of an array in a file."""
+    """The map [H, W] that the reading chooses from an array in a file."""
     row, index, shape = reading.row, None, squeezed_shape(entry.shape)
     frames = frames_of(shape)
     if frames > 1 and ("N" in row.axes or entry.shape[-1] not in (2, 3, 4)):
@@ -137,7 +140,10 @@ def _frame(path: Path, entry: ArrayEntry, reading: DepthReading, size: Size) -> 
 
 
 def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers:
-    """The numbers of a PNG, TIFF or JPEG: one channel, or channels whose bits make a number."""
+    """The numbers of a PNG, TIFF or JPEG.
+
+    They are one channel, or are put together from several channels as the format says.
+    """
     row = reading.row
     page = raster.choose_page(path, raster.read_pages(path, wanted=WANTED), reading.part)
     if page.deep:
@@ -174,7 +180,10 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
 
 
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """The luma [h, w] of samples [h, w, 3…] with R, G, B equal, or in 8 bits nearly equal."""
+    """The single channel [h, w] of samples [h, w, 3…] whose R, G and B are equal.
+
+    JPEG may make 8-bit channels differ a little: then it is their luma.
+    """
     colors = samples[:, :, :3]
     r, g, b = (colors[:, :, c] for c in range(3))  # five times as fast as along the last axis
     spread = np.maximum(np.maximum(r, g), b) - np.minimum(np.minimum(r, g), b)
@@ -188,7 +197,7 @@ def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
 
 
 def _refuse_unsuited(path: Path, page: raster.Raster, reading: DepthReading) -> None:
-    """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
+    """Refuse pictures of 8 bits or of several channels, unless options say what numbers mean."""
     if reading.says_scale:
         return
     if page.type == "uint8":
@@ -207,8 +216,8 @@ def _refuse_unsuited(path: Path, page: raster.Raster, reading: DepthReading) -> 
 
 
 _TOP = 65535  # of 16 bits
-_PARTS = 6  # of a path, from its end, that are looked at
-# Formats by what the end of the path of their files matches, in small letters.
+_PARTS = 6  # last parts of a path that are searched for signs of a format
+# Patterns that the last parts of a path match, in lower case, by the format that they suggest.
 _SIGNS = {
     "vkitti2": r"vkitti|virtual.?kitti|frames/depth/camera_[01]/",
     "kitti": r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/",
@@ -223,7 +232,7 @@ _SIGNS = {
 
 
 def refuse_assumed(path: Path, values: NDArray[np.uint16]) -> None:
-    """Refuse 16-bit numbers [H, W] as millimetres if the path or their range contradicts."""
+    """Refuse to take 16-bit numbers [H, W] as millimetres if their path or range contradicts."""
     place = "/".join(path.absolute().parts[-_PARTS:]).lower()
     for name, sign in _SIGNS.items():
         if found := re.search(sign, place):

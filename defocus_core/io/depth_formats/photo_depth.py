@@ -1,13 +1,15 @@
 """Depth and mattes inside photographs of phones: HEIC auxiliary images, and three kinds in JPEG.
 
-GDepth (Google, "Depthmap metadata"): XMP properties, the depth map itself in base64 in the extended
-XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3").
-GImage:Data may hold the sharp picture if the photograph itself is blurred already.
+GDepth (Google, "Depthmap metadata"): XMP properties, with the depth map itself in base64 in the
+extended XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part
+3"). GImage:Data may hold the sharp picture if the photograph itself is already blurred.
 
-Dynamic Depth (Google, version 1.0): XMP lists files that follow the photograph, and their lengths.
+Dynamic Depth (Google, version 1.0): XMP lists the files that follow the photograph, and their
+lengths.
 
 Apple: further pictures of the JPEG (CIPA DC-007, "Multi-Picture Format"), each described by its own
-XMP. Other further pictures, like gain maps and the second view of a stereo camera, are no depth.
+XMP. Further pictures of other types, like gain maps and the second view of a stereo camera, are
+ignored.
 """
 
 from __future__ import annotations
@@ -32,22 +34,22 @@ from defocus_core.io.read_files import decoding, is_heic, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
-# Attributes, and elements but for their ends.
+# XMP attributes, and elements without their end tags.
 _PROPERTY = re.compile(
     r"""(?<![/\w])((?:GDepth|GImage|DepthMap|Item|apdi):\w+)(?:\s*=\s*["']|>)([^"'<]*)"""
 )
 _COUNT = re.compile(r"\d{1,12}")
 _START_OF_SCAN = 0xDA
 _ENTRIES = 0xB002  # tag of the list of pictures
-# By what Apple calls a depth image: its kind in a HEIC, and what the ends are called there.
+# Apple's types of a depth image: the number of each type in HEIC, and the keys of its range there.
 _APPLE = {"disparity": (1, "d_min", "d_max"), "depth": (2, "z_near", "z_far")}
-# Ends of what Apple calls mattes: that of a person, and that of hair, which is finer.
+# Ends of the names of Apple's mattes: that of a person, and that of hair, which is finer.
 _PERSON, _HAIR = "aux:portraiteffectsmatte", "aux:semantichairmatte"
 
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
-    """The path of the sharp picture inside a photograph, or of the photograph itself."""
+    """Yield the path of the sharp picture inside a photograph, or that of the photograph itself."""
     of_google = own_format(path) == "android-gdepth"
     data = _properties(path.read_bytes()).get("GImage:Data") if of_google else None
     if data is None:
@@ -89,9 +91,9 @@ def read_jpeg(path: Path) -> DepthNumbers:
 
 
 def matte_inside(path: Path) -> NDArray[np.uint8] | None:
-    """The coverage [H, W] of the person in an Apple photograph: its portrait matte, and its hair.
+    """The coverage [H, W], 0 to 255, of the person in an Apple photograph; None without a matte.
 
-    None if there is no portrait matte.
+    It is the portrait matte, joined with the matte of hair if both have one size.
     """
     mattes = {}
     if is_heic(read_head(path)):
@@ -128,9 +130,9 @@ def _decoded(path: Path, data: bytes, words: str) -> NDArray[Any]:
 
 
 def _gdepth(data: bytes) -> dict[str, Any]:
-    """The properties of depth in a JPEG, by GDepth or Dynamic Depth, and its image as `Data`.
+    """The properties of depth in a JPEG by GDepth or Dynamic Depth, the image as bytes in `Data`.
 
-    The keys are those of GDepth; empty if the file has neither.
+    Keys are those of GDepth; the dictionary is empty if the file has neither.
     """
     properties = _properties(data)
     told: dict[str, Any] = {n[7:]: text for n, text in properties.items() if n[:7] == "GDepth:"}
@@ -154,7 +156,10 @@ def _gdepth(data: bytes) -> dict[str, Any]:
 
 
 def _depth_of_apple(path: Path) -> dict[str, Any]:
-    """Apple's properties of depth in a JPEG, by the keys of HEIC, and its image as `Data`."""
+    """Apple's properties of depth in a JPEG by the keys of HEIC, with the image as bytes in `Data`.
+
+    The dictionary is empty without a depth image.
+    """
     for name, (told, data) in _pictures_of_apple(path).items():
         if name not in _APPLE:
             continue
@@ -167,14 +172,14 @@ def _depth_of_apple(path: Path) -> dict[str, Any]:
 
 
 def _pictures_of_apple(path: Path) -> dict[str, tuple[Mapping[str, str], bytes]]:
-    """The properties and the bytes of each further picture of a JPEG, by Apple's type of it."""
+    """XMP properties and bytes of each further picture of a JPEG, by Apple's name of its type."""
     with decoding(path):
         pictures = [(_properties(data), data) for data in _further_pictures(path.read_bytes())]
     return {told.get("apdi:AuxiliaryImageType", ""): (told, data) for told, data in pictures}
 
 
 def _further_pictures(data: bytes) -> Iterator[bytes]:
-    """The bytes of each picture after the first of a JPEG in the Multi-Picture Format."""
+    """Yield the bytes of each picture but the first of a JPEG in the Multi-Picture Format."""
     for at, body in _segments(data):
         if not body.startswith(PICTURES):
             continue
@@ -191,12 +196,12 @@ def _further_pictures(data: bytes) -> Iterator[bytes]:
 
 
 def _properties(data: bytes) -> dict[str, str]:
-    """The properties of Google and Apple in the XMP of a JPEG."""
+    """The properties of Google and Apple in the XMP of a JPEG, by name."""
     return dict(_PROPERTY.findall(_packet(data)))
 
 
 def _packet(data: bytes) -> str:
-    """The XMP packet of a JPEG, followed by the extended XMP, as one text."""
+    """The XMP packet of a JPEG followed by its extended XMP, as one text."""
     packet, parts = b"", {}
     for _, body in _segments(data):
         if body.startswith(_XMP):
@@ -209,7 +214,7 @@ def _packet(data: bytes) -> str:
 
 
 def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """The byte offset and the bytes of each segment before the pixels of a JPEG."""
+    """Yield the byte offset and the bytes of each segment of a JPEG before its pixels."""
     place = 2
     while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != _START_OF_SCAN:
         (size,) = struct.unpack_from(">H", data, place + 2)

@@ -1,4 +1,4 @@
-"""Options of reading a depth file, which complete its format."""
+"""Options for reading a depth file, which complete its format, and the numbers that are read."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from defocus_core.io.read_files import is_heic, is_jpeg, once, open_plain, read_
 KINDS = ("depth", "disparity")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
-ALICEVISION, OF_NUKE = "AliceVision:", "nuke/"  # begin the names of attributes
-XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
-_LARGEST = 1 << 28  # bytes of a photograph
-PICTURES = b"MPF\0"  # begins the list of further pictures in a JPEG
+ALICEVISION, OF_NUKE = "AliceVision:", "nuke/"  # prefixes of names of EXR attributes
+XMP_BYTES = 1 << 17  # bytes at the beginning of a JPEG that hold its XMP
+_LARGEST = 1 << 28  # bytes of a photograph that are searched
+PICTURES = b"MPF\0"  # start of the list of further pictures in a JPEG
 _OF_APPLE = re.compile(rb"""apdi:AuxiliaryImageType\s*(?:=\s*["']|>)(?:depth|disparity)\b""")
 
 
 def own_format(path: Path) -> str:
-    """The name of the format that a photograph or an EXR header declares; empty if none."""
+    """The name of the depth format by which a photograph or EXR declares itself; empty if none."""
     head = read_head(path, XMP_BYTES)
     if is_jpeg(head):
         if b"GDepth:" in head or b"DepthMap:" in head:
@@ -41,67 +41,71 @@ def own_format(path: Path) -> str:
 
 @once
 def _holds_depth_of_apple(path: Path) -> bool:
-    """Whether a JPEG holds a further picture that Apple's XMP declares as depth."""
     with open_plain(path) as file:
         return _OF_APPLE.search(file.read(_LARGEST)) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthReading:
-    """Options of reading depth files; None leaves one to the format or to the type of file."""
+    """Options for reading depth files; None leaves an option to the format or the type of file."""
 
     depth_format: str | None = None  # name of a row of the table
     depth_unit: str | None = None  # unit of the numbers: mm, cm, m or ft
-    # Which channel of an EXR, or array of a container; PART/CHANNEL works too
+    # Name of a channel of an EXR, or of an array in a file of several; also as PART/CHANNEL
     depth_channel: str | None = None
-    part: int | None = None  # which part of an EXR, page of a TIFF or frame of an array, from 0
-    view: str | None = None  # which view of an EXR of several, like left
-    depth_scale: float | None = None
+    part: int | None = None  # index, from 0, of a part of an EXR, page of a TIFF or frame of arrays
+    view: str | None = None  # name of a view of an EXR with several, like left
+    depth_scale: float | None = None  # factor on the numbers
     depth_kind: str | None = None  # what the numbers are: depth or disparity
-    # The distances in mm of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of
-    # depth, the distance of 0, then of the top; of disparity, that of the top, then of 0
+    # Two distances in mm, of the least and the greatest number of the type: 0 and 255, 0 and 65535,
+    # or 0 and 1. For depth, first that of the least; for disparity, first that of the greatest
     depth_range: tuple[float, float] | None = None
     focal_px: float | None = None  # focal length in px of the depth file
     baseline: float | None = None  # distance in mm between the two cameras
-    doffs: float | None = None  # px added to the disparity; without focal length and baseline, 1/m
+    # Added to the disparity: in px with a focal length and a baseline, else in 1/m
+    doffs: float | None = None
     geometry: str | None = None  # radial (distance to the point) or planar (depth along the axis)
     fov: float | None = None  # horizontal field of view in degrees
-    sky: float | None = None  # numbers from this one on are sky; of disparity, up to this one
+    sky: float | None = None  # sky is this number and greater ones; of disparity, smaller ones
     invalid_value: float | None = None  # the number that means no depth
     invalid: str = "error"  # error, far (infinitely far) or fill (from the farther neighbour)
-    # Nearest or guided (by the colours), where depth of another size than the colour is to be
-    # resampled
+    # How depth of another size than its colour is resampled: nearest or guided (by the colours);
+    # None refuses it
     resize_depth: str | None = None
-    relative: bool = False  # the numbers are disparity of unknown scale and offset, white near
-    invert: bool | None = None  # whether black is near; of relative disparity
+    relative: bool = False  # whether numbers are disparity of unknown scale and offset, white near
+    invert: bool | None = None  # whether black is near; only for relative disparity
 
     @property
     def row(self) -> DepthFormat:
-        """The row of the format named; without one, that of ``metres`` or ``disparity``."""
+        """The row of the named format; if none is named, that of ``metres`` or ``disparity``."""
         if self.depth_format is not None:
             return NAMES[self.depth_format]
         return FORMATS["disparity" if self.depth_kind == "disparity" else "metres"]
 
     @property
     def says_scale(self) -> bool:
-        """Whether the options give the scale of the numbers, whatever the type of file."""
+        """Whether options say what the numbers mean; defaults of the file type are then unused."""
         said = (self.depth_format, self.depth_unit, self.depth_scale, self.depth_range)
         return self.relative or self.depth_kind == "disparity" or said != (None,) * 4
 
     @property
     def asked_by(self) -> dict[str, str]:
-        """The option that chose the format, and its value, as fields of an error."""
+        """The option that chose the format, as the fields ``field`` and ``value`` of an error."""
         if self.depth_format is None:
             return {"field": "depth-kind", "value": "disparity"}
         return {"field": "depth-format", "value": self.depth_format}
 
     @property
     def holds_radii(self) -> bool:
-        """Whether the files hold radii or relative disparity, which need only a lens's opening."""
+        """Whether the files hold radii or relative disparity, so that no focal length is needed."""
         return self.relative or self.row.rule == "radius"
 
     def as_relative(self) -> Self:
-        """This reading of files whose numbers are relative disparity."""
+        """This reading with the numbers taken as relative disparity.
+
+        Raises:
+            UsageProblem: If an option is set that gives the numbers another meaning.
+        """
         for name in _OF_METRES:
             is_layout = name == "depth_format" and self.row.is_right_half
             if getattr(self, name) is not None and not is_layout:
@@ -113,7 +117,7 @@ class DepthReading:
 
     @property
     def needs_lens(self) -> bool:
-        """Whether the field of view of the picture may have to come from the lens."""
+        """Whether decoding may need the lens's field of view, as no option or format gives one."""
         row = self.row
         if any(value is not None for value in (self.fov, self.focal_px, row.focal_px)):
             return False
@@ -121,7 +125,7 @@ class DepthReading:
         return (self.geometry or ("radial" if file_says else row.geometry)) == "radial"
 
 
-# Fields that say what the numbers of a file are in metres or radii.
+# Fields that give the numbers of a file a meaning in metres or radii.
 _OF_METRES = (
     *("depth_format", "depth_unit", "depth_scale", "depth_kind", "depth_range", "focal_px"),
     *("baseline", "doffs", "geometry", "fov", "sky"),
@@ -129,11 +133,11 @@ _OF_METRES = (
 AS_IT_IS = DepthReading()
 
 
-MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round to 14, 32, 64 px
+MOST_STRETCHED = 0.02  # greatest change of aspect: networks round sizes to 14, 32 or 64 px
 
 
 def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
-    """The relative change of aspect from one size to another; None if it is too large."""
+    """The relative change of aspect from one (width, height) to another; None if it is over 2 %."""
     (columns, rows), (width, height) = size, target
     if abs(width * rows - height * columns) <= max(*size, *target):
         return 0.0
@@ -144,7 +148,11 @@ def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
 def require_size(
     path: Path, reading: DepthReading, shape: tuple[int, ...], size: tuple[int, int] | None
 ) -> None:
-    """Refuse depth of another size than its colour, unless it is to be resized."""
+    """Refuse depth of another size than its colour, unless it can be resized.
+
+    `shape`: of the depth, rows and columns first; `size`: (width, height) of the colour, or None.
+    Smaller depth of the same aspect passes, and any depth if the reading says how to resize.
+    """
     rows, columns = shape[:2]
     if size is None or (columns, rows) == size or reading.resize_depth is not None:
         return
@@ -154,7 +162,7 @@ def require_size(
 
 
 def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> InputError:
-    """The error for depth (rows, columns) of another size than its colour."""
+    """The error for depth of (rows, columns) `shape` whose colour has (width, height) `size`."""
     rows, columns = shape
     problem = f"is {columns}x{rows} px but its colour is {size[0]}x{size[1]} px"
     remedy = "give depth of the size of the colour, or give ‹resize-depth› guided, or nearest"
@@ -167,7 +175,7 @@ def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> Inp
 
 
 class Mark(NamedTuple):
-    """Pixels whose depth comes from another channel or file."""
+    """Pixels whose depth is set by another channel or file."""
 
     pixels: NDArray[np.bool_]  # [H, W]
     depth: float  # inf is sky, NaN no depth
@@ -176,18 +184,17 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True)
 class DepthNumbers:
-    """The numbers of a depth file."""
+    """The numbers of a depth file before they are decoded."""
 
     path: Path  # the file
-    # [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file
-    values: Any
-    type: str  # of the file and its numbers, as the rows of the table have it
-    words: str  # type of the file and of its numbers, for people
-    channel: str = ""  # name in the file; empty where it has none
+    values: Any  # [H, W], of the type that they have in the file
+    type: str  # type of the file and its numbers, as in `DepthFormat.files`
+    words: str  # the same in words, for people
+    channel: str = ""  # name of the channel or array; empty where it has none
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
-    marks: tuple[Mark, ...] = ()  # in order: a later one wins
+    marks: tuple[Mark, ...] = ()  # applied in order, so that a later mark wins
     data_window: str = ""  # its data window in words, if it does not cover the picture
-    # The greatest number of the type, where the file has fewer bits than that of the values
+    # The greatest number of the file's type, if it has fewer bits than the type of `values`
     greatest: int | None = None
     is_deep: bool = False  # whether the numbers are of the nearest samples of deep pixels
 
@@ -198,7 +205,7 @@ class DepthNumbers:
 
     @property
     def top(self) -> float:
-        """The greatest number of the type: 255, 65535, …; 1 of floats."""
+        """The greatest number of the file's type: 255, 65535, …; 1 for floats."""
         dtype = np.dtype(self.values.dtype)
         if dtype.kind == "f":
             return 1.0

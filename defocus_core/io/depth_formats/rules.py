@@ -1,6 +1,7 @@
-"""Rules by which numbers become depth: which options each takes, and what it makes of numbers.
+"""Rules by which numbers become depth: the options that each takes, and its formula.
 
-A row of the table names a rule; its sidecar and the user complete the row. Numbers v become
+A row of the table names a rule; its sidecar and the user's options complete the row. From numbers v
+come:
   scale      depth  scale · v + shift
   inverse    depth  1 / (scale · v + shift), v a disparity in px of two cameras
   per-metre  depth  1 / (scale · v + shift), v a disparity in 1 / m
@@ -24,27 +25,30 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
 HALF_MAX = 65504.0  # the largest number that half can hold
 MM_PER_M = 1000.0
-_FEW_LEVELS = 255.0  # a type of so few numbers has no room for one that means something else
-_APART = 0.753  # the others are less than this share of the greatest number, if that is a hole
+_FEW_LEVELS = 255.0  # greatest number of a type too small to reserve a number for holes
+_APART = 0.753  # if the greatest number marks holes, all others are below this share of it
 # Options that say how numbers become depth, in the order in which they are refused.
 _OPTIONS = ("depth-unit", "depth-range", "depth-scale", "baseline", "doffs", "focal-px", "fov")
-_FLOATS = (1e-30, 1e30)  # focal length times baseline, far from the ends of float32
+_FLOATS = (1e-30, 1e30)  # allowed range of focal length times baseline, well within float32
 _CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
 
 
 class DepthRule(NamedTuple):
-    """A way from numbers to depth."""
+    """A formula that turns numbers into depth."""
 
     holds: str  # what the numbers are: depth, disparity or radii
-    options: tuple[str, ...]  # options that the rule uses, beside those that the row takes
-    # The row with scale, shift and words, by the options of the user
+    options: tuple[str, ...]  # options that the rule uses, besides those that the row takes
+    # Returns the row with its scale, shift and words set by the user's options
     complete: Callable[[DepthReading, DepthFormat, DepthNumbers], DepthFormat]
 
 
 def resolved(
     reading: DepthReading, samples: DepthNumbers, lens_focal: float | None = None
 ) -> DepthFormat:
-    """The format of a file, completed by its sidecar, the user and the lens (its focal length)."""
+    """The format of a file, completed by its sidecar, the user's options and the lens.
+
+    `lens_focal`: focal length of the lens in widths of its sensor.
+    """
     if reading.relative:
         near = "black" if reading.invert else "white"
         return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
@@ -120,13 +124,13 @@ def _refuse_idle(reading: DepthReading, row: DepthFormat) -> None:
 
 
 def _ask(reading: DepthReading, row: DepthFormat, option: str, value: str) -> NoReturn:
-    """Raise the UsageProblem that asks for an option that the format needs."""
+    """Raise the UsageProblem for a missing option that the format needs; `value` is an example."""
     problem = f"needs ‹{option}›" + (f": {row.note}" if row.note else "")
     raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **reading.asked_by)
 
 
 def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """A format whose numbers are linear in depth, or in disparity, between two distances."""
+    """The row with scale and shift by `depth_range`; numbers are linear in depth or disparity."""
     assert reading.depth_range is not None
     near, far = (end / MM_PER_M for end in reading.depth_range)
     if near == far:
@@ -149,7 +153,11 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
 
 
 def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]:
-    """The upper end of a range of floats from 0: 1, or the maximum of a network; and words."""
+    """The float that stands for the second end of a range: 1, or the maximum of the file.
+
+    The maximum stands for it in a network's disparity that exceeds 1. Returned with a note in
+    words.
+    """
     finite = samples.values[np.isfinite(samples.values)]
     minimum, maximum = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
     is_of_network = "depth-range" in row.needs and row.rule == "inverse"
@@ -163,7 +171,7 @@ def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]
 
 
 def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """A format of depth, by the unit and the scale of its numbers."""
+    """The row of depth with its scale set by the options for unit and scale."""
     if "depth-range" in row.needs:
         _ask(reading, row, "depth-range", "NEAR FAR, like 1m 20m")
     if "depth-scale" in row.needs and reading.depth_scale is None:
@@ -189,7 +197,7 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
 
 
 def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """A format of disparity in px, by focal length and baseline, or by a scale."""
+    """The row of disparity in px with its scale set by focal length and baseline, or by a scale."""
     scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
     if "depth-range" in row.needs and reading.depth_scale is None:
         remedy = "NEAR FAR, like 1m 20m; or ‹depth-scale› and ‹doffs›, as 1/z = scale v + doffs"
@@ -253,13 +261,12 @@ def _focal(
 
 
 def _focal_words(focal: float, width: int) -> str:
-    """A focal length in px and its field of view, in words."""
     degrees = 2 * math.degrees(math.atan(width / 2 / focal))
     return f"a focal length of {focal:.6g} px, {degrees:.3g}° across"
 
 
 def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
-    """The scale and the shift that map 0 to `at_zero` and `top` to `at_top`."""
+    """The (scale, shift) of the linear function that maps 0 to `at_zero` and `top` to `at_top`."""
     return (at_top - at_zero) / top, at_zero
 
 
@@ -278,7 +285,10 @@ RULES = {
 def decoded(
     numbers: NDArray[Any], row: DepthFormat, overscan: Overscan = NO_OVERSCAN
 ) -> NDArray[np.float32]:
-    """Planar metres [H, W] by a completed row: +inf is sky; NaN, 0 and less are invalid."""
+    """Planar metres [H, W] of numbers by a completed row: +inf is sky; NaN, 0 and less are invalid.
+
+    A row of radii gives signed radii in px instead.
+    """
     is_disparity = RULES[row.rule].holds == "disparity"
     with np.errstate(over="ignore", divide="ignore"):  # a double beyond float32 is sky
         if is_disparity or (row.scale, row.shift) != (1, 0):
@@ -312,7 +322,10 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
 
 
 def ends_in_hole(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> bool:
-    """Whether the greatest number of the type marks holes: undeclared, far above all others."""
+    """Whether the greatest number of the type marks holes.
+
+    This is so if no option or format explains that number, and all others lie far below it.
+    """
     top, values = samples.top, samples.values
     said = reading.sky is not None or reading.depth_range is not None or row.ends is not None
     if said or top <= _FEW_LEVELS or row.rule != "scale" or row.bits or row.weights:
@@ -328,7 +341,8 @@ def _cosine(
 ) -> NDArray[np.float64]:
     """The ratio [H, W] of depth along the axis to distance to the point, f / √(x² + y² + f²).
 
-    x and y: of pixel centres in px, from the middle of the rows and columns `shown`.
+    x and y are positions of pixel centres in px from the middle of the rows and columns `shown`, f
+    is `focal_px`.
     """
     y, x = (
         np.arange(count) - side.start - (side.stop - side.start - 1) / 2

@@ -1,6 +1,6 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-The metadata of the depth file itself counts as well: properties of HEIC and GDepth.
+For HEIC and GDepth the metadata in the depth file itself takes the place of a sidecar.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Found = Mapping[str, Any]  # fields of a `DepthFormat`
 
 
 def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """A format completed by the sidecar of a depth file; unchanged without a sidecar."""
+    """A format completed by the sidecar of a depth file; unchanged if there is none."""
     place = _sidecar(row, samples.path)
     if place is None:
         return row
@@ -52,13 +52,13 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
 
 
 def _scene_camera(place: Path, samples: DepthNumbers) -> Found:
-    """BOP: ``{"IMAGE": {"depth_scale": MM}}``, MM per unit, IMAGE the number of the image."""
+    """BOP: ``{"IMAGE": {"depth_scale": MM}}``, millimetres per unit by the number of the image."""
     scale = _positive(float(json.loads(_text(place))[str(int(samples.path.stem))]["depth_scale"]))
     return {"words": f"{scale:g} mm by {place.name}", "scale": scale / 1000}
 
 
 def _heic(_: Path, samples: DepthNumbers) -> Found:
-    """HEIC: numbers linear in 1/z, far to near (0), in disparity in 1/m (1), or in z (2)."""
+    """HEIC: numbers are linear in 1/z from far to near (kind 0), in 1/m (1), or in z (2)."""
     metadata = samples.metadata
     kind = int(metadata.get("representation_type", 1))
     if kind not in (0, 1, 2):
@@ -92,8 +92,8 @@ def _positive(value: float) -> float:
     return value
 
 
-# By its place and the numbers of the depth file; and where it may lie, relative to that file's
-# folder: nowhere, if it is metadata of the file itself.
+# By name: the function that reads a sidecar, given its path and the numbers of the depth file, and
+# the paths where it may lie, relative to that file's folder; none if it is the file's own metadata.
 _SIDECARS: dict[str, tuple[Callable[[Path, DepthNumbers], Found], tuple[str, ...]]] = {
     "calib.txt": (_calib, ("calib.txt",)),
     "scene_camera.json": (_scene_camera, ("scene_camera.json", "../scene_camera.json")),
@@ -103,20 +103,26 @@ _SIDECARS: dict[str, tuple[Callable[[Path, DepthNumbers], Found], tuple[str, ...
 
 
 def _found(places: tuple[str, ...], path: Path) -> Path | None:
-    """The first existing file among places beside a depth file; None if there is none."""
+    """The first existing file of some paths relative to a depth file; None if there is none.
+
+    In `places`, ``{stem}`` is the stem of the depth file and ``{folder}`` the name of its folder.
+    """
     words = {"stem": path.stem, "folder": path.parent.name}
     files = (path.parent / template.format(**words) for template in places)
     return next((file for file in files if file.is_file() and file != path), None)
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
-    """The file with the sidecar's data: a sidecar, or the depth file itself; None without one."""
+    """The sidecar of a depth file; the file itself if its metadata serve; None if there is none."""
     _, places = _SIDECARS[row.sidecar]
     return _found(places, path) if places else path
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
-    """The sidecar and the mask that a depth file is read with, by role; empty without any."""
+    """The sidecar and the mask of a depth file, by the keys ``depth_sidecar`` and ``depth_mask``.
+
+    A file that does not exist has no key.
+    """
     sidecar = _sidecar(row, path) if row.sidecar else None
     mask = _found(row.mask.places, path) if row.mask is not None else None
     files = {"depth_sidecar": sidecar, "depth_mask": mask}
@@ -124,7 +130,10 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
 
 
 def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark:
-    """The stored pixels that the mask of a depth file marks: none without a mask."""
+    """The pixels of `shape` (height, width) that the mask file of a depth file marks as invalid.
+
+    Without such a file none are marked.
+    """
     place = _found(mask.places, path)
     if place is None:
         return Mark(np.broadcast_to(np.False_, shape), math.nan, "no mask beside it")

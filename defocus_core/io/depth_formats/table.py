@@ -1,11 +1,11 @@
 """The table of depth formats by name, the units of depth, and the default of each type of file.
 
-No format is guessed from the range of values. A file without a named format has the default of its
-type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
-have no default, so that their unit must be set (``depth_unit``).
+No format is guessed from the range of values. A file without a named format is read by the default
+of its type: floats are metres, 16-bit integers of PNG and TIFF are millimetres; integers of EXR and
+NPY have no default, so that their unit must be set (``depth_unit``).
 
-A new format is a row, and a line of ``help/depth.md``, which a test compares. The rows are of
-stereo data sets, networks, renderers, data sets of depth.
+A new format is a row, and a line of ``help/depth.md``, which a test compares. The rows are ordered:
+renderers, data sets of depth, stereo data sets, networks and phones.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
+SKY = 1e10  # Blender's far clip: this and greater numbers are sky in every format of depth
 FLOATS = ("EXR", "PFM", "NPY", "NPZ", "float TIFF")
-# R, G and B of it are equal, A is 1; a fault of its writer spoils what follows the dot.
+# Channels of Unreal's depth: R, G and B are equal, A is 1; a fault of its writer corrupts the text
+# after the dot.
 UNREAL_DEPTH = tuple(
     f"FinalImage{writer}WorldDepth{end}"
     for writer in ("MovieRenderQueue_", "PW")
@@ -38,55 +39,53 @@ class Mask:
 
 @dataclass(frozen=True)
 class DepthFormat:
-    """A depth convention: a row of the table, completed by sidecar and user for a file."""
+    """A depth convention: a row of the table, which sidecar and user complete for each file."""
 
-    name: str  # as ``depth_format`` has it
-    title: str  # which data set, renderer or network writes it
-    files: tuple[str, ...]  # types of file that it may have, as `DepthNumbers.type` has them
-    # A name of `rules.RULES`; empty where ``depth_kind`` must say if they are depth or disparity
+    name: str  # a value of ``depth_format``
+    title: str  # the data set, renderer or network that writes it
+    files: tuple[str, ...]  # its types of file, each a value of `DepthNumbers.type`
+    # A key of `rules.RULES`; empty where ``depth_kind`` must name depth or disparity
     rule: str = "scale"
-    takes: tuple[str, ...] = ()  # options that the format uses, beside those of the rule
+    takes: tuple[str, ...] = ()  # options that the format uses, besides those of the rule
     needs: tuple[str, ...] = ()  # options without which a file cannot be decoded
-    scale: float = 1.0  # what the number 1 stands for: metres of depth, px of disparity
-    shift: float = 0.0  # added to numbers that were scaled
-    # What 0 and the greatest number of the type stand for, in m or 1/m, where the file says it
+    scale: float = 1.0  # factor on the numbers, to metres of depth or px of disparity
+    shift: float = 0.0  # added after scaling
+    # Depth in m or disparity in 1/m of 0 and of the greatest number, where the file gives them
     ends: tuple[float, float] | None = None
     bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
-    weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
-    # Names of EXR channels and of arrays in a container, patterns allowed, the first that is
-    # there wins; empty for the usual names
+    weights: tuple[float, ...] = ()  # of R, G and B in the number, where it is spread over them
+    # Names or patterns of EXR channels, or of arrays in a file, in order of preference; empty for
+    # the usual names
     channels: tuple[str, ...] = ()
     holes: str = ""  # name of the array in the same file whose zeros are invalid
-    radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
+    radial_channels: tuple[str, ...] = ()  # those of `channels` that hold distance to the point
     axes: str = "HW"  # order of axes in the file, N for frames
-    geometry: str = "planar"  # planar, radial, or ask where the user must say it
-    # Numbers that mean no depth, +inf rather than sky too, beside NaN and what is not in front of
-    # the camera
+    geometry: str = "planar"  # planar, radial, or ask, where the user must choose
+    # Numbers that mean no depth (inf then is not sky), besides NaN, 0 and negative depth
     invalid: tuple[float, ...] = ()
-    # Numbers from this one on are sky; of a completed row, towards the far end
+    # This number and greater ones are sky; in a completed row where numbers fall with distance,
+    # this number and smaller ones
     sky: float = SKY
-    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
-    # Focal length in px of its pictures, where it is fixed; of a completed row, of this one
+    sky_numbers: tuple[float, ...] = ()  # further numbers that are sky
+    # Focal length in px if all its pictures have one; in a completed row, that of the picture
     focal_px: float | None = None
-    # Width of the pictures that `focal_px` is of; None for any width
-    focal_width: int | None = None
+    focal_width: int | None = None  # width in px of pictures with `focal_px`; None for any width
     baseline: float | None = None  # metres between its two cameras, where it is fixed
     sidecar: str = ""  # name of the kind of sidecar, as in `sidecars`
-    words: str = ""  # what completed the row, and in the end its rule, for people
+    words: str = ""  # of a completed row: how numbers become depth, for people
     mask: Mask | None = None
     alpha: bool = False  # whether pixels with an alpha of 0 in the EXR are empty
     is_right_half: bool = False  # whether depth is the right half of a picture, colour the left
-    note: str = ""  # what else a user should know
+    note: str = ""  # further advice for users
     aliases: tuple[str, ...] = ()
 
 
 def _row(names: str, title: str, files: tuple[str, ...], **fields: Any) -> DepthFormat:
-    """A format by its name and aliases."""
     name, *aliases = names.split()
     return DepthFormat(name, title, files, aliases=tuple(aliases), **fields)
 
 
-# What rows have in common: disparity in px of two cameras; 16 bits of which 0 is a hole, EXR in
+# Fields that rows have in common: disparity in px of two cameras; 16 bits with 0 as a hole; EXR in
 # units of a scene.
 _stereo = partial(_row, rule="inverse")
 _png16 = partial(_row, files=("16-bit PNG",), invalid=(0,))

@@ -1,13 +1,13 @@
 """Views and colour layers of an EXR file, found by name, and the naming of channels.
 
-OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
-the user gives is compared exactly, then without regard to case. Nothing is guessed: several
-candidates are an error, which lists them in the form that the option takes.
+OpenEXR names channels ``LAYER.CHANNEL``; files may also hold layers in separate parts with names. A
+name that the user gives is compared exactly, then without regard to case. Nothing is guessed:
+several candidates are an error, which lists them in the form that the option takes.
 
 A file may hold views, the pictures of several cameras, like left and right. A view is named by the
-attribute ``view`` of a part, or by ``multiView`` and the last but one word of a channel:
-``left.R``, ``diffuse.left.R`` (OpenEXR, "Storing Multi-View Images"). The first view is the default
-one; its plain channels have no view in their names.
+attribute ``view`` of a part, or by ``multiView`` and the second last word of a channel: ``left.R``,
+``diffuse.left.R`` (OpenEXR, "Storing Multi-View Images"). The first view is the default one; its
+channels without a layer have no view in their names.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
 from defocus_core.io.read_files import read_head
 
-# Names of colour, and of the layer that holds the whole picture beside its passes.
+# Long names of colour channels, and names of the layer with the whole picture, not a render pass.
 _LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
 _WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
 _SHOWN = 40  # names in a message
-_ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
+_ASPECTS = 0.1, 10.0  # least and greatest width of a pixel divided by its height
 
 
 @dataclass(frozen=True)
@@ -38,23 +38,24 @@ class ChannelGroup:
 
     header: Header  # the part that holds the channels
     name: str  # the name that ``layer`` or ``depth_channel`` takes, without the part
-    # Canonical name to the name in the file: R, G, B or Y, then A; the name of a depth channel
-    # to itself
+    # Names in the file: of a colour layer by R, G, B or Y, and A; of a depth channel by its name
+    # without the view
     channels: Mapping[str, str] = field(default_factory=dict)
-    default: bool = False  # whether it is the part's colour layer of plain names, without a prefix
+    default: bool = False  # whether it is the part's colour layer of channels without a layer name
 
     @property
     def source(self) -> str:
-        """The name in the file of the only channel of the group."""
+        """The name in the file of the first channel of the group."""
         return next(iter(self.channels.values()))
 
 
 def choose_color(
     path: Path, headers: Sequence[Header], *, layer: str | None, part: int | None
 ) -> ChannelGroup:
-    """The colour layer of a file; ``layer`` and ``part`` as of `images.color.read_color`.
+    """The colour layer of a file; ``layer`` and ``part`` are as for `images.color.read_color`.
 
-    Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
+    Without either, the default layer (R, G, B without a layer name) is preferred to named ones, as
+    in every viewer. An InputError is raised unless one candidate is left.
     """
     layers = [each for header in _searched(path, headers, part) for each in _color_layers(header)]
     minimum, maximum = _ASPECTS
@@ -81,7 +82,7 @@ def choose_color(
 
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
-    """All channels of a file, or of one of its parts, in the order of the file."""
+    """All channels of a file, or of the part with the index `part`, in the order of the file."""
     return [
         ChannelGroup(header, channel.plain, {channel.plain: channel.name})
         for header in _searched(path, headers, part)
@@ -90,9 +91,10 @@ def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list
 
 
 def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
-    """The channels beside the colour that patterns name, in the order of the file.
+    """The names of channels besides the colour that match `patterns`, in the order of the file.
 
-    Patterns do not match depth or whole numbers, which are never averaged.
+    Channels of depth or whole numbers do not match, as they are never averaged. `extras`: arrays
+    [H, W] by name. A pattern without a match is an InputError.
     """
     light = [n for n, plane in extras.items() if plane.dtype.kind not in "iu" and not is_depth(n)]
     chosen: set[str] = set()
@@ -110,7 +112,7 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
 
 
 def require_part(path: Path, part: int, count: int) -> None:
-    """Refuse a part number that a file of ``count`` parts does not have."""
+    """Refuse the index of a part that a file with ``count`` parts does not have."""
     if not 0 <= part < count:
         problem = f"has no part {part}, only {count}"
         remedy = "leave ‹part› out" if count == 1 else f"‹part› counts from 0 to {count - 1}"
@@ -118,8 +120,8 @@ def require_part(path: Path, part: int, count: int) -> None:
 
 
 def _searched(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
-    """The parts to search: the one asked for; else the flat parts, or all if none is flat."""
-    # One part serves the colour and the depth file; where there is one part, it chooses nothing.
+    """The part of a given index; without one the flat parts, or all parts if none is flat."""
+    # One option serves the colour and the depth file: it is ignored for a file of a single part.
     if part is not None and len(headers) > 1:
         require_part(path, part, len(headers))
         headers = headers[part : part + 1]
@@ -148,7 +150,10 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
 def by_name(
     path: Path, groups: Sequence[ChannelGroup], wanted: str, kind: str, option: str
 ) -> ChannelGroup:
-    """The only candidate with the name ``wanted``; an InputError if it is not exactly one."""
+    """The only group with the name ``wanted``; an InputError if there is not exactly one.
+
+    `kind` and `option` name in errors what is looked for, and the option that chooses it.
+    """
     exact = [c for c in groups if wanted in _names(c)]
     folded = wanted.casefold()
     matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
@@ -172,7 +177,7 @@ def _names(candidate: ChannelGroup) -> set[str]:
 
 
 def labels(candidates: Sequence[ChannelGroup]) -> list[str]:
-    """Names that tell the candidates apart: PART/NAME when they are in several parts."""
+    """Names by which the candidates can be chosen, as PART/NAME if they are in several parts."""
     parts = {candidate.header.index for candidate in candidates}
     if len(parts) < 2:
         return [candidate.name for candidate in candidates]
@@ -185,7 +190,7 @@ def labels(candidates: Sequence[ChannelGroup]) -> list[str]:
 def only_one(
     path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
 ) -> ChannelGroup:
-    """The only candidate; an InputError if there are several."""
+    """The only candidate; an InputError if there are several; `kind`, `option`: as in `by_name`."""
     if len(candidates) == 1:
         return candidates[0]
     names = labels(candidates)
@@ -200,32 +205,33 @@ def quoted(name: str) -> str:
 
 
 def in_words(names: Sequence[str]) -> str:
-    """Names for a message; of many names only the first ones."""
+    """Names joined for a message; of more than 40 names only the first 40."""
     more = len(names) - _SHOWN
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def is_depth(name: str) -> bool:
-    """Whether the name of a channel says that it holds distances."""
+    """Whether the name of a channel says that it holds distances: Z, ZBack or depth."""
     return last_word(name).lower() in ("z", "zback", "depth")
 
 
 def last_word(name: str) -> str:
-    """The name of a channel without its layers."""
+    """The name of a channel without its layers: the text after the last dot."""
     return name.rpartition(".")[2]
 
 
 def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
-    """The views of a file, the default one first; empty for a file of one picture."""
+    """The names of the views of a file, the default one first; empty if it has no named views."""
     if len(headers) == 1 and headers[0].multi_view:
         return tuple(dict.fromkeys(headers[0].multi_view))
     return tuple(dict.fromkeys(header.view for header in headers if header.view))
 
 
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
-    """The headers with the channels of one view and those of no view, named without the view.
+    """The headers, restricted to the channels of one view and those of no view.
 
-    `view`: the name of the view; None for the default one.
+    Plain names of the channels lack the view. `view`: the name of the view; None for the default
+    one.
     """
     views = views_of(headers)
     if not views or (view is None and len(views) == 1):
@@ -239,7 +245,7 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
 
 
 def require_view(paths: Sequence[Path], view: str | None) -> None:
-    """Refuse a named view for files without views."""
+    """Refuse a named view if none of the files has views."""
     if view is None:
         return
     exrs = [path for path in paths if is_exr(read_head(path))]
@@ -249,7 +255,7 @@ def require_view(paths: Sequence[Path], view: str | None) -> None:
 
 
 def default_warning(headers: Sequence[Header], view: str | None) -> tuple[str, ...]:
-    """The warning for a file of several views, if no view is named."""
+    """A tuple with a warning if a file has several views and `view` names none; else empty."""
     views = views_of(headers)
     if view is not None or len(views) < 2:
         return ()
@@ -257,13 +263,16 @@ def default_warning(headers: Sequence[Header], view: str | None) -> tuple[str, .
 
 
 def name_in_view(name: str, view: str) -> str:
-    """The name of a channel in a view that is not the default one."""
+    """The name of a channel with the view inserted before its last word, as ``diffuse.left.R``.
+
+    The default view is not written in names.
+    """
     layer, _, base = name.rpartition(".")
     return ".".join(filter(None, (layer, view, base)))
 
 
 def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
-    """The header of a part with the channels of one view and those of no view."""
+    """The header of a part with only the channels of the view `chosen` and those of no view."""
     if header.view in views:
         channels = header.channels if header.view == chosen else ()
         return replace(header, channels=channels, shown=chosen)
@@ -276,7 +285,7 @@ def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
             view, plain = words[-2], ".".join([*words[:-2], words[-1]])
         if view in ("", chosen):
             restricted.append(Channel(channel.name, channel.type, plain))
-    # Channels of the view stand for those of no view with the same plain name.
+    # Channels of the view replace those of no view with the same plain name.
     own = {channel.plain for channel in restricted if channel.plain != channel.name}
     kept = tuple(c for c in restricted if c.plain != c.name or c.plain not in own)
     return replace(header, channels=kept, shown=chosen)

@@ -3,12 +3,13 @@
 In the picture in focus, colours and alpha are composited by `over`; depth and the other channels
 are those of the nearest sample.
 
-Samples of two pictures at one depth of a pixel are mixed by what each absorbs (P. Hillman, The
-Theory of OpenEXR Deep Samples; F. Kainz, Interpreting OpenEXR Deep Pixels, 2013).
+Samples at one depth of a pixel, which come from two pictures, are mixed by the light that each
+absorbs (P. Hillman, The Theory of OpenEXR Deep Samples; F. Kainz, Interpreting OpenEXR Deep Pixels,
+2013).
 
-Where a pixel has more samples than layers, samples close in 1 / distance are merged, as blur is
-linear in 1 / distance. Nearer samples weaken the light of farther ones by their alpha, and each
-sample has the weight of its visible share.
+Where a pixel has more samples than there may be layers, samples close to each other in 1 / distance
+are merged, as blur is linear in 1 / distance. Each merged sample is weighted by the share of its
+light that nearer samples of its group let through.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ from defocus_core.io.exr.windows import Overscan
 def flat_channels(
     path: Path, header: Header, names: Mapping[str, str], overscan: Overscan
 ) -> dict[str, Any]:
-    """The channels [H, W] of the picture in focus, in the frame, by name."""
+    """The channels [H, W] of the picture in focus by name, in the frame.
+
+    `names`: the type of each wanted channel by name.
+    """
     frame, samples = header.display.grown(overscan), seen(read_deep_samples(path, header))
     share, window, planes = _fractions(samples), samples.window, {}
     for name, kind in names.items():
@@ -54,10 +58,10 @@ def flat_channels(
 def deep_layers(
     path: Path, header: Header, names: tuple[str, ...], overscan: Overscan
 ) -> tuple[list[dict[str, Any]], int]:
-    """The samples as layers, nearest first, as many as the pixel with most samples needs.
+    """The samples of a deep part as layers, nearest first, as many as its fullest pixel needs.
 
-    Returns the arrays [H, W] of each layer by name of the channel, and the number of pixels that
-    had more samples than there are layers.
+    Returns for each layer the arrays [H, W] of the frame by channel, and the number of pixels whose
+    samples were merged as they had more than `MAX_LAYERS`.
     """
     frame, layers = header.display.grown(overscan), list[dict[str, Any]]()
     samples, crowded = merge_samples(seen(read_deep_samples(path, header)), (*names, ALPHA))
@@ -72,9 +76,9 @@ def deep_layers(
 
 
 def _fractions(samples: DeepSamples) -> NDArray[Any]:
-    """The share [N] of each sample that nearer ones let through: the product of 1 - alpha.
+    """The share [N] of each sample's light that nearer samples let through: a product of 1 - alpha.
 
-    Each step doubles the number of samples covered, as a pixel may have a million of them.
+    It takes as many rounds as log2 of the samples of the fullest pixel, which may have a million.
     """
     through, index = (1 - samples.values[ALPHA]).astype(np.float64), np.arange(len(samples.rank))
     step = 1
@@ -89,7 +93,10 @@ _OPAQUE = 1e6  # absorption of alpha 1
 
 
 def mix_samples(samples: DeepSamples, light: tuple[str, ...], mixed: NDArray[Any]) -> DeepSamples:
-    """The samples sorted by depth; in the pixels `mixed`, samples of equal depth become one."""
+    """The samples sorted by depth; samples of equal depth become one in the pixels `mixed`.
+
+    `light`: names of the channels that are mixed; `mixed`: numbers of pixels.
+    """
     depth = np.nan_to_num(samples.values[DEPTH], nan=np.inf, posinf=np.inf)
     order = np.lexsort((depth, samples.pixel))
     pixel, values = samples.pixel[order], {n: samples.values[n][order] for n in (*light, DEPTH)}
@@ -117,9 +124,9 @@ MAX_LAYERS = 12
 
 
 def merge_samples(samples: DeepSamples, light: tuple[str, ...]) -> tuple[DeepSamples, int]:
-    """The samples merged to `MAX_LAYERS` per pixel at most, and the number of pixels with more.
+    """The samples merged to at most `MAX_LAYERS` per pixel, and the number of pixels that had more.
 
-    `light`: names of channels, that of alpha last.
+    `light`: names of channels, with that of alpha last.
     """
     crowded = int((np.bincount(samples.pixel) > MAX_LAYERS).sum())
     if not crowded:
@@ -141,7 +148,10 @@ def merge_samples(samples: DeepSamples, light: tuple[str, ...]) -> tuple[DeepSam
 
 
 def _groups(samples: DeepSamples, near: NDArray[Any]) -> NDArray[np.intp]:
-    """The number [N] of each sample's group; the widest steps in a pixel separate its groups."""
+    """The number [N] of each sample's group, at most `MAX_LAYERS` groups in a pixel.
+
+    Groups are separated at the widest steps between the samples of a pixel; `near`: [N] 1 / depth.
+    """
     step = np.where(samples.rank > 0, np.roll(near, 1) - near, np.inf)
     mixed = np.arange(len(step)) * 0.6180339887498949 % 1  # equal steps part evenly
     order = np.lexsort((mixed, -step, samples.pixel))

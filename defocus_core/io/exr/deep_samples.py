@@ -1,11 +1,11 @@
 """Samples of a deep OpenEXR part, nearest first in each pixel.
 
 A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
-whose blur is the mean of theirs.
+and so its blur is the mean of their blurs.
 
-Read without OpenImageIO, which gives samples to Python one by one, 5 µs each, and allocates what
-a file promises before it can be counted. A chunk: the samples of a row, or of the rows of a tile.
-Layout: openexr.com, "OpenEXR File Layout".
+The file is read without OpenImageIO, which gives samples to Python one by one, 5 µs each, and
+allocates what a file promises before it can be counted. A chunk: the samples of a row, or of the
+rows of a tile. Layout: openexr.com, "OpenEXR File Layout".
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ from defocus_core.io.exr.windows import Window
 from defocus_core.io.read_files import damaged, once
 
 _MAX_OF_TILE = 1 << 24  # px
-# Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
-# cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
+# Decoded bytes of samples that any file may promise; beyond, decoded bytes per byte of the file.
+# Cards of one colour have 200, and files made to fill the memory 1000.
 _ANY, _RATIO = 1 << 26, 250
 _COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
 class _Chunk(NamedTuple):
-    """The header of a chunk: place in px and in the file, sizes in bytes of table and samples."""
+    """The header of a chunk: its position in px and in the file, and sizes in bytes."""
 
-    y: int
-    x: int
-    at: int
-    table: int
-    packed: int
-    unpacked: int
+    y: int  # first row, in px from the corner of the data window
+    x: int  # first column, in px from the corner of the data window
+    at: int  # byte offset in the file of the table of counts; samples follow it
+    table: int  # packed bytes of the table
+    packed: int  # packed bytes of the samples
+    unpacked: int  # unpacked bytes of the samples
 
 
 class _Part(NamedTuple):
-    """The layout of a deep part: place and packing of its rows."""
+    """The layout of a deep part."""
 
     data: Window
     tile: tuple[int, int]  # (width, height) in px of a tile; of a row if there are no tiles
-    compression: int  # of the file format
+    compression: int  # the file format's number of the compression
     channels: tuple[Channel, ...]  # all, in the order of the file
     sample_bytes: int  # bytes of a decoded sample
 
 
 @once
 def count_samples(path: Path, header: Header) -> tuple[int, int]:
-    """The number of samples in the fullest pixel, and in all pixels; no sample is decoded."""
+    """The number of samples in the fullest pixel, and that in all pixels; none is decoded."""
     with _open(path, header) as (file, part, chunks):
         counts = [_counts(file, part, chunk) for chunk in chunks if chunk.unpacked]
     maximum = max((int(count.max()) for count in counts), default=0)
@@ -64,7 +64,7 @@ def count_samples(path: Path, header: Header) -> tuple[int, int]:
 
 @contextmanager
 def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
-    """The open file of a deep part, its layout, and its chunks with the samples counted."""
+    """Yield the open file of a deep part, its layout and its chunks, whose size is checked."""
     try:
         with path.open("rb") as file:
             part, chunks = _layout(file, header)
@@ -79,7 +79,7 @@ def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_C
 
 
 def _layout(file: BinaryIO, header: Header) -> tuple[_Part, list[_Chunk]]:
-    """The layout of a part, and the headers of its chunks, whose places are checked."""
+    """The layout of a part, and the headers of its chunks, whose positions are checked."""
     version, parts = raw_headers(file)
     start = file.tell()
     for before in parts[: header.index]:
@@ -118,7 +118,10 @@ def _layout(file: BinaryIO, header: Header) -> tuple[_Part, list[_Chunk]]:
 def _unsorted(
     file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]
 ) -> tuple[NDArray[np.int32], dict[str, NDArray[Any]]]:
-    """The samples in the order of the file: the pixel number [N] of each, and values by channel."""
+    """The samples in the order of the file.
+
+    Returns the pixel number [N] of each sample in the data window, and values [N] by channel.
+    """
     values: dict[str, list[NDArray[np.generic]]] = {
         each.name: [np.zeros(0, DTYPES[each.type])] for each in part.channels
     }
@@ -139,7 +142,10 @@ def _unsorted(
 
 
 def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
-    """The number [h, w] of samples of each pixel of a chunk; the file is left at their data."""
+    """The number [h, w] of samples of each pixel of a chunk.
+
+    Afterwards the file stands at the beginning of the samples.
+    """
     rows = min(part.tile[1], part.data.height - chunk.y)
     columns = min(part.tile[0], part.data.width - chunk.x)
     file.seek(chunk.at)
@@ -155,7 +161,7 @@ def _unpack(data: bytes, size: int, compression: int) -> bytes:
     """The unpacked bytes, `size` in number; data that already have this size are not packed."""
     if compression == NONE or len(data) == size:
         unpacked = data
-    else:  # differences of bytes, of which the even ones stand before the odd ones
+    else:  # bytes at even positions, then those at odd ones, as differences from the byte before
         steps = np.frombuffer(zlib.decompressobj().decompress(data, size + 1), np.uint8).copy()
         steps[1:] -= np.uint8(128)
         of_both = np.cumsum(steps, dtype=np.uint8)
@@ -168,16 +174,16 @@ def _unpack(data: bytes, size: int, compression: int) -> bytes:
 
 
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
-_ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
+_ROUNDING = 2e-3  # alpha that exceeds 1 by less was rounded to half
 
 
 class DeepSamples(NamedTuple):
     """The samples of a window, sorted by pixel and in each pixel by depth."""
 
     window: Window
-    pixel: NDArray[Any]  # [N] number of the pixel of each sample in the window
-    rank: NDArray[Any]  # [N] number of the sample in its pixel, 0 is the nearest
-    # [N] by channel; coverage and depth of a view by their plain names, too
+    pixel: NDArray[Any]  # [N] flat index in the window of each sample's pixel
+    rank: NDArray[Any]  # [N] position of the sample in its pixel, 0 is the nearest
+    # [N] by name of channel; alpha and depth of a view also by their names without the view
     values: dict[str, NDArray[Any]]
 
     @property
@@ -186,14 +192,17 @@ class DeepSamples(NamedTuple):
         return int(self.rank.max(initial=-1)) + 1
 
     def dense(self, chosen: Any, values: NDArray[Any]) -> NDArray[Any]:
-        """The values of chosen samples, at most one per pixel, as an array [h, w]; 0 elsewhere."""
+        """The values [N] of chosen samples, at most one per pixel, as an array [h, w]; else 0.
+
+        `chosen`: indices or mask of the samples.
+        """
         rows = np.zeros(self.window.height * self.window.width, values.dtype)
         rows[self.pixel[chosen]] = values[chosen]
         return rows.reshape(self.window.height, self.window.width)
 
 
 def read_deep_samples(path: Path, header: Header) -> DeepSamples:
-    """All samples of a deep part, without the channels of other views."""
+    """All samples of a deep part, with the channels that its header lists."""
     with _open(path, header) as (file, part, chunks):
         pixel, own = _unsorted(file, part, chunks)
     # Of a view, the names of layers are plain ones
@@ -218,12 +227,12 @@ def read_deep_samples(path: Path, header: Header) -> DeepSamples:
 
 
 def ranks(pixel: NDArray[Any]) -> NDArray[np.int32]:
-    """The rank [N] of each sample in its pixel, from 0, by its pixel number [N], ascending."""
+    """The position [N] of each sample in its pixel, from 0; `pixel`: ascending flat indices [N]."""
     return (np.arange(len(pixel)) - np.searchsorted(pixel, pixel)).astype(np.int32)
 
 
 def seen(samples: DeepSamples) -> DeepSamples:
-    """The samples that have alpha or light, without the empty ones."""
+    """The samples without those that have neither alpha nor light."""
     alpha, values = samples.values[ALPHA], samples.values
     if alpha.all():
         return samples
@@ -234,7 +243,7 @@ def seen(samples: DeepSamples) -> DeepSamples:
 
 
 def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
-    """The distance of each sample: of a volume, its middle in 1 / distance; of a surface, its Z."""
+    """The depth of each sample: of a volume, its middle in 1 / distance; of a surface, its Z."""
     with np.errstate(divide="ignore", invalid="ignore"):
         between = 2 / (1 / front + 1 / back)
     return np.where((back > front) & (front > 0), between, front).astype(np.float32)

@@ -1,7 +1,7 @@
 """Headers of OpenEXR files, read without trust and before any pixel is allocated.
 
-Read without a library, because none returns an attribute as it is in the file: OpenEXR's binding
-for Python refuses text that is not UTF-8, and OpenImageIO converts attributes to its own.
+They are read without a library, because none returns an attribute as it is in the file: OpenEXR's
+binding for Python refuses text that is not UTF-8, and OpenImageIO converts attributes to its own.
 Layout: openexr.com, "OpenEXR File Layout".
 """
 
@@ -20,13 +20,13 @@ from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.read_files import check_size, damaged, once, read_head
 
 MAGIC = b"\x76\x2f\x31\x01"
-# NumPy's by the types of channels, which files number in this order; their last figure is bytes
+# NumPy's names of the types of channels, which files number in this order; the last digit is bytes
 DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
 _LONG_NAMES, _DEEP, MULTIPART = 0x400, 0x800, 0x1000
 _SHORT_NAME, _LONGEST_NAME = 31, 255
 _LONGEST_VALUE = 2**24  # bytes of an attribute
-# More than any picture has, in all parts of a file together; decoders compare all pairs of channels
-# and of the attributes of a part.
+# More than any picture has, in all parts of a file together. They bound the time of decoders, which
+# compare all pairs of channels and of the attributes of a part.
 _MOST = {
     "parts": 512,
     "channels": 4096,
@@ -35,7 +35,7 @@ _MOST = {
     "attributes in a part": 2**11,
     "bytes": 2**27,
 }
-# Attributes that describe how this one file is laid out, not the picture.
+# Attributes that describe the layout of a file, not the picture.
 STRUCTURAL = {
     *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version", "name"),
     *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
@@ -44,7 +44,7 @@ STRUCTURAL = {
 
 
 class Raw(NamedTuple):
-    """An attribute of a header as it is in the file, of any type."""
+    """The type and the bytes of an attribute as they are in a header."""
 
     kind: str
     value: bytes
@@ -55,7 +55,7 @@ class Channel:
     """One channel of a header."""
 
     name: str
-    type: str  # uint, half or float; of other files as NumPy or OpenImageIO has it
+    type: str  # uint, half or float; for files other than EXR as NumPy or OpenImageIO names it
     plain: str  # the name of the channel without the name of a view
 
 
@@ -63,7 +63,7 @@ class Channel:
 class Header:
     """The header of a part of an EXR file, or of a page or array of another file.
 
-    `attributes` are those that an output may carry.
+    `attributes` are those that may be copied to an output file.
     """
 
     index: int
@@ -72,27 +72,30 @@ class Header:
     data: Window
     display: Window
     deep: bool
-    pixel_aspect: float = 1.0  # width of a pixel by its height
+    pixel_aspect: float = 1.0  # width of a pixel divided by its height
     # The views whose channels are in one part, the default one first
     multi_view: tuple[str, ...] = ()
     shown: str = ""  # the view that the channels are restricted to; empty for all
-    compression: str = "zip"  # the codec of its pixels, as `compression` names it
+    compression: str = "zip"  # the codec of its pixels, a value of the option `compression`
     whole: bool = True  # False for a thumbnail or mask of another page of a TIFF
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
     @property
     def views(self) -> tuple[str, ...]:
-        """The views that have channels in a file of several cameras."""
+        """The names of the views that have channels in this part; empty without named views."""
         return (self.view,) if self.view else self.multi_view
 
     @property
     def view(self) -> str:
-        """The view of the whole part; empty if it has none."""
+        """The name of the view that the whole part belongs to; empty if there is none."""
         raw = self.attributes.get("view")
         return raw.value.decode("utf-8", "replace") if raw and raw.kind == "string" else ""
 
     def cut_note(self, kept: Overscan) -> str:
-        """A note on pixels beyond the display window or missing in it; empty if there are none."""
+        """A note on pixels beyond the display window or missing in it; empty if there are none.
+
+        `kept`: the overscan that is read.
+        """
         data, display = self.data, self.display
         overscan = f"overscan {kept}" if any(kept) else ""
         is_cropped = not display.grown(kept).covers(data)
@@ -112,12 +115,12 @@ class Header:
 
     @property
     def pixel_bytes(self) -> int:
-        """Bytes of one decoded pixel, all channels."""
+        """Bytes of all channels of one decoded pixel."""
         return sum(int(DTYPES[channel.type][-1]) for channel in self.channels)
 
 
 class _Refused(Exception):  # noqa: N818 - it is said of a header
-    """The refusal of a file with a valid header: code, problem and remedy."""
+    """The refusal of a file with a valid header; its arguments are code, problem and remedy."""
 
 
 def is_exr(head: bytes) -> bool:
@@ -132,7 +135,7 @@ def no_exr(path: Path) -> InputError:
 
 @once
 def read_headers(path: Path) -> tuple[Header, ...]:
-    """The headers of all parts of a file, with checked sizes."""
+    """The headers of all parts of an EXR file; sizes that no picture has are an InputError."""
     if not is_exr(read_head(path)):
         raise no_exr(path)
     try:
@@ -158,7 +161,7 @@ def read_headers(path: Path) -> tuple[Header, ...]:
 
 
 def read_attributes(file: BinaryIO) -> dict[str, Raw]:
-    """The attributes of the next header in an open file; empty at the end of the headers."""
+    """The attributes by name of the next header in an open file; empty if no header follows."""
     attributes = {}
     while name := _text(file):
         kind = _text(file)
@@ -174,7 +177,7 @@ def read_attributes(file: BinaryIO) -> dict[str, Raw]:
 
 
 def _limit(**counts: int) -> None:
-    """Refuse a header whose counts of parts, attributes or bytes exceed those of any picture."""
+    """Refuse a header whose `counts`, by keys of `_MOST`, exceed those of any picture."""
     for name, count in counts.items():
         if count > _MOST[name]:
             problem = f"has a header of more than {_MOST[name]} {name}"
@@ -182,7 +185,7 @@ def _limit(**counts: int) -> None:
 
 
 def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
-    """The first bytes of a file with one scan-line part, up to the table of offsets."""
+    """The first bytes of a file with one scan-line part, up to its table of offsets."""
     names = [name.encode() for pair in attributes.items() for name in (pair[0], pair[1].kind)]
     version = 2 | (_LONG_NAMES if max(map(len, names)) > _SHORT_NAME else 0)
     parts = [MAGIC, struct.pack("<I", version)]
@@ -200,7 +203,10 @@ def _text(file: BinaryIO) -> str:
 
 
 def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
-    """The version and flags of a file, and each part's attributes; leaves it at the first table."""
+    """The version with flags of an open file, and the attributes of each part by name.
+
+    Afterwards the file stands at the first table of offsets.
+    """
     (_, version) = struct.unpack("<4sI", file.read(8))
     if version & 0xFF != 2:
         raise ValueError(f"format version {version & 0xFF}, not 2")
@@ -217,8 +223,8 @@ def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
     return version, parts
 
 
-# Bytes of attributes by their type, and the types of those that every reader looks at: openexr.com,
-# "OpenEXR File Layout".
+# Sizes in bytes of attributes by type, and the types of attributes that every reader uses:
+# openexr.com, "OpenEXR File Layout".
 _SIZES = {
     **dict.fromkeys(("compression", "envmap", "lineOrder"), 1),
     **dict.fromkeys(("int", "float"), 4),
@@ -238,7 +244,7 @@ _KINDS = {
 
 
 def _check(name: str, raw: Raw) -> None:
-    """Refuse an attribute that no reader of the file, or of an output with it, would accept."""
+    """Raise ValueError for an attribute whose type, size or value no reader would accept."""
     if _KINDS.get(name, raw.kind) != raw.kind:
         raise ValueError(f"{name} is of type {raw.kind}")
     if len(raw.value) != _SIZES.get(raw.kind, len(raw.value)):
@@ -279,7 +285,7 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
 
 
 def channels_of(value: bytes) -> list[Channel]:
-    """The channels in the value of the attribute ``channels``."""
+    """The channels that the bytes of the attribute ``channels`` list."""
     channels: list[Channel] = []
     at = 0
     while value[at : at + 1] != b"\0":
@@ -300,7 +306,7 @@ def channels_of(value: bytes) -> list[Channel]:
 
 
 def _texts(value: bytes) -> tuple[bytes, ...]:
-    """The texts in the value of a ``stringvector``, each stored after its length."""
+    """The texts in the bytes of a ``stringvector``, where each text follows its length."""
     texts: list[bytes] = []
     at = 0
     while at < len(value):
@@ -315,12 +321,12 @@ def _texts(value: bytes) -> tuple[bytes, ...]:
 
 
 class Codec(NamedTuple):
-    """A codec."""
+    """A codec of pixels in EXR."""
 
-    number: int
-    rows: int
-    loses: tuple[str, ...] = ()  # types of numbers that the codec rounds
-    # The last words of names of channels that the codec changes; empty for any
+    number: int  # in the file format
+    rows: int  # number of rows in a chunk
+    loses: tuple[str, ...] = ()  # NumPy types whose numbers the codec rounds
+    # Names of channels, without layers, whose numbers the codec rounds; empty for all names
     names: frozenset[str] = frozenset()
 
     def changes(self, name: str, kind: str) -> bool:
@@ -347,13 +353,13 @@ _LEVEL = "dwaCompressionLevel"  # attribute of a header
 
 
 def codec_of(name: str) -> tuple[Codec, dict[str, float]]:
-    """The codec of a name like ``dwaa:100``, and the attributes that store its level."""
+    """The codec of a name like ``dwaa:100``, and the attributes that hold the level, here 100."""
     name, _, level = name.partition(":")
     return CODECS[name], {_LEVEL: float(level)} if level else {}
 
 
 def codec_name(header: Mapping[str, bytes]) -> str:
-    """The name of the codec by the attributes of a header; zip if it is unknown."""
+    """The name of the codec that a header declares, with its level; zip if it is unknown."""
     number = header.get("compression", b"\3")[0]
     name = next((name for name, codec in CODECS.items() if codec.number == number), "zip")
     level = header.get(_LEVEL, b"")

@@ -1,7 +1,7 @@
-"""OpenEXR pixels, in: native half, float and uint arrays of the frame.
+"""OpenEXR pixels, in: arrays of the frame in the file's types, half, float and uint.
 
-The frame is the display window with the wanted overscan. Pixels outside the data window
-are 0. OpenImageIO decodes a strip of rows at a time.
+The frame is the display window with the wanted overscan. Pixels outside the data window are 0.
+OpenImageIO decodes a strip of rows at a time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.read_files import damaged, decoded_rows, decoding, opened_image, quiet
 
 STRIP = 1 << 23  # bytes of pixels that are decoded at once
-_ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
+_ROWS = 32  # greatest number of rows in a chunk of most codecs; strips are multiples of it
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class ExrPart:
     """One decoded part of an EXR file."""
 
     header: Header
-    # Name to native array [H, W] of the frame; of a deep part the picture in focus, whose light is
-    # float32
+    # Arrays [H, W] of the frame by name, in the file's types; of a deep part those of the picture
+    # in focus, with light as float32
     channels: dict[str, Any]
 
 
@@ -41,7 +41,14 @@ def read_parts(
     wanted: Callable[[Header, str], bool] = lambda header, name: True,
     overscan: Overscan = NO_OVERSCAN,
 ) -> tuple[ExrPart, ...]:
-    """All parts of an EXR file, decoded."""
+    """All parts of an EXR file, decoded.
+
+    Args:
+        path: The file.
+        headers: Headers of its parts; None to read them.
+        wanted: Whether a channel, given the header of its part and its name, is decoded.
+        overscan: The pixels beyond the display window to read.
+    """
     headers = read_headers(path) if headers is None else headers
     is_flat = not all(header.deep for header in headers)
     opening = opened_image(path, partial(damaged, path)) if is_flat else nullcontext()
@@ -82,7 +89,11 @@ def _part(
 def _decode(
     path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
 ) -> dict[str, NDArray[Any]]:
-    """The channels of a window, read type by type, as OpenImageIO converts mixed types."""
+    """The channels [h, w] of full rows of the data window, by name.
+
+    Channels of one type are read together, as OpenImageIO converts mixed types. `types`: type of
+    each channel by name.
+    """
     names = file.spec().channelnames
     if not types.keys() <= set(names):
         raise damaged(path, "two lists of channels")

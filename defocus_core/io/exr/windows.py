@@ -17,7 +17,7 @@ class Overscan(NamedTuple):
         return "{} px left, {} top, {} right, {} bottom".format(*self)
 
     def smaller(self, other: Overscan) -> Overscan:
-        """The overscan with the smaller number of pixels of two overscans on each side."""
+        """The overscan that on each side has the smaller number of px of two overscans."""
         return Overscan(*map(min, self, other))
 
     def shown(self, height: int, width: int) -> tuple[slice, slice]:
@@ -29,7 +29,7 @@ NO_OVERSCAN = Overscan()
 
 
 class Window(NamedTuple):
-    """Pixel rectangle of an EXR header, both corners included."""
+    """A rectangle of pixels in an EXR header; both corners belong to it."""
 
     x0: int
     y0: int
@@ -41,12 +41,12 @@ class Window(NamedTuple):
 
     @property
     def width(self) -> int:
-        """In px."""
+        """Width in px."""
         return self.x1 - self.x0 + 1
 
     @property
     def height(self) -> int:
-        """In px."""
+        """Height in px."""
         return self.y1 - self.y0 + 1
 
     def covers(self, other: Window) -> bool:
@@ -55,7 +55,10 @@ class Window(NamedTuple):
         return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
     def overscan(self, display: Window, *, whole: bool = False) -> Overscan:
-        """The overscan beyond a display window, at most its longer side in px unless `whole`."""
+        """The pixels of this window beyond a display window.
+
+        On each side they are limited to the longer side of the display window, unless `whole`.
+        """
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
         maximum = max(display.width, display.height)
@@ -63,17 +66,17 @@ class Window(NamedTuple):
         return sides if whole else sides.smaller(Overscan(*[maximum] * 4))
 
     def intersection(self, other: Window) -> Window:
-        """The intersection with another window that overlaps this one."""
+        """The intersection of this window with another one, which must overlap it."""
         (x0, y0), (x1, y1) = map(max, self[:2], other[:2]), map(min, self[2:], other[2:])
         return Window(x0, y0, x1, y1)
 
     def grown(self, overscan: Overscan) -> Window:
-        """This window with an overscan."""
+        """This window enlarged by an overscan."""
         left, top, right, bottom = overscan
         return Window(self.x0 - left, self.y0 - top, self.x1 + right, self.y1 + bottom)
 
     def cut(self, other: Window) -> tuple[slice, slice]:
-        """The rows and columns of this window that lie in another; empty slices if none do."""
+        """The rows and columns of this window that lie in another window; empty if none do."""
         places = []
         for start, end, first, last in zip(self[:2], self[2:], other[:2], other[2:], strict=True):
             begin = min(max(first, start), end + 1)
@@ -82,16 +85,16 @@ class Window(NamedTuple):
         return rows, columns
 
     def paste(self, plane: Any, pixels: Any, window: Window) -> None:
-        """Copy the pixels of another window into the array of this window, where both overlap."""
+        """Copy `pixels` of another window into `plane`, this window's array, where they overlap."""
         place, met = self.cut(window), pixels[window.cut(self)]
         if met.size:
             plane[place] = met
 
 
 class Layout(NamedTuple):
-    """The place of the pixels of a file."""
+    """The position of a file's pixels, and its views."""
 
     corner: tuple[int, int] = (0, 0)  # x and y of the first pixel
     display: Window | None = None  # the display window; None if it is all pixels
-    # The views whose channels are in the file, the default one first; none of one
+    # Names of the views in the file, the default one first; empty if there is one view only
     views: tuple[str, ...] = ()

@@ -39,10 +39,14 @@ def write_exr(
 ) -> None:
     """Write a file of one part, with the pixel types of the arrays.
 
-    OpenEXR encodes the chunks; the wanted header replaces the header of OpenEXR.
+    OpenEXR encodes the chunks of pixels; its header is replaced by one with the wanted attributes.
 
-    `channels`: name to float16, float32 or uint32 array [H, W]; tags and profiles of photographs in
-    `attributes` are left out.
+    Args:
+        path: The file.
+        channels: float16, float32 or uint32 arrays [H, W] by name.
+        attributes: By name; structural ones, and tags and profiles of photographs, are left out.
+        layout: Position of the pixels, display window and views.
+        compression: Name of the codec, as `codec_of` takes it.
     """
     own = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in own.items() if isinstance(value, Raw)}
@@ -80,9 +84,20 @@ def write_exr_image(
     compression: str = "zip",
     clamped: int = 0,
 ) -> list[str]:
-    """Write colours [H, W] and extras of their own types; returns a warning if any were clamped.
+    """Write colours and extras [H, W] by name; returns a warning if colours were clamped to half.
 
-    `clamped`: number of pixels of half colours that the caller has clamped.
+    Args:
+        path: The file.
+        colors: Arrays of colours and alpha.
+        exr_type: Type of the colours in the file, "half" or "float".
+        attributes: As for `write_exr`.
+        extras: Further arrays, which keep their types.
+        layout: As for `write_exr`.
+        compression: As for `write_exr`.
+        clamped: Number of pixels of half colours that the caller has clamped.
+
+    Returns:
+        A list of one warning in words, or an empty list.
     """
     if exr_type == "half" and any(plane.dtype == "f4" for plane in colors.values()):
         beyond = [clamped_half(plane)[1] for plane in colors.values()]
@@ -96,7 +111,7 @@ def write_exr_image(
 def _encoded(
     channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, object], codec: Codec
 ) -> io.BytesIO:
-    """The file that OpenEXR encodes from channels and attributes, without `Raw` ones."""
+    """The file that OpenEXR encodes from channels and attributes; these have no `Raw` values."""
     with delayed_signals():
         import OpenEXR
 
@@ -108,7 +123,7 @@ def _encoded(
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
-    """``values`` as half, clamped to ±65504, and the mask of the clamped; NaN stays NaN."""
+    """``values`` as half, clamped to ±65504, and the mask of the clamped ones; NaN stays NaN."""
     largest = np.float32(np.finfo(np.float16).max)
     if not values.size or max(float(values.max()), -float(values.min())) <= largest:
         return values.astype(np.float16), np.zeros(values.shape, bool)
@@ -116,5 +131,5 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
 
 
 def as_half(plane: Any) -> Any:
-    """An array [H, W] as half, clamped; the array itself if it is half."""
+    """An array [H, W] as half, clamped to ±65504; the array itself if it already is half."""
     return plane if plane.dtype == np.float16 else clamped_half(plane)[0]

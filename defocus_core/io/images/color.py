@@ -1,9 +1,10 @@
 """Colour images decoded for blurring: scene-linear, premultiplied by alpha.
 
-EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
-otherwise. Light keeps the primaries of the file, which the attributes declare. EXR colour is
-premultiplied by definition; other colour is multiplied by alpha here, in linear light. In an EXR a
-layer is the colour; further channels are light that is blurred with it, or copied unchanged.
+EXR, HDR and float TIFF are linear already. Integers of 8 and 16 bits are sRGB unless the file
+declares otherwise. Light keeps the primaries of the file, which the attributes declare. EXR colour
+is premultiplied by definition; other colour is multiplied by alpha here, in linear light. In an EXR
+one layer is the colour; other channels are passes, light that is blurred with it, or extras, which
+are copied unchanged.
 """
 
 from __future__ import annotations
@@ -48,27 +49,27 @@ if TYPE_CHECKING:
 class Color:
     """A decoded colour image.
 
-    `pixels` is one array of all channels, `planes` has an array for each.
+    `pixels` is one array of the colour and alpha, `planes` has an array for each channel.
     """
 
-    # Arrays [H, W], half or float32, scene-linear, premultiplied: of the C channels, then of passes
+    # Arrays [H, W], half or float32, scene-linear, premultiplied: first `channels`, then `passes`
     planes: tuple[Any, ...]
-    channels: tuple[str, ...]  # names of the C channels: R, G, B or Y, then A if there is one
+    channels: tuple[str, ...]  # names: R, G, B or Y, then A if there is one
     path: Path
-    # Metadata for the output to carry: `Raw` of an EXR file, `Tag` of others
+    # Metadata to copy to the output: `Raw` of an EXR file, `Tag` and `Embedded` of others
     attributes: Mapping[str, object] = field(default_factory=dict)
-    # The EXR file's other channels [H, W], native types, for the output to carry
+    # Other channels [H, W] of an EXR file by name, in its types, to copy to the output
     extras: dict[str, Any] = field(default_factory=dict)
-    pixel_aspect: float = 1.0  # width of a pixel by its height
+    pixel_aspect: float = 1.0  # width of a pixel divided by its height
     corner: tuple[int, int] = (0, 0)  # x and y of the first pixel shown
-    data: Window | None = None  # the pixels that an EXR file has, of all its parts
+    data: Window | None = None  # least window with the pixels of all parts; None if it is not EXR
     overscan: Overscan = NO_OVERSCAN  # pixels of planes and extras beyond the picture shown
     passes: tuple[str, ...] = ()  # names of further channels of light, blurred with the picture
     note: str = ""  # how the samples were read, in words
     warnings: tuple[str, ...] = ()  # notes on what the file declares that was not applied
-    left_out: tuple[str, ...] = ()  # parts of the EXR file that no output can carry, in words
+    left_out: tuple[str, ...] = ()  # notes on parts of the EXR file that are not copied
     compression: str = "zip"  # the codec of an EXR file
-    within_white: bool = False  # whether samples are integers, which end at white
+    within_white: bool = False  # whether samples are integers, whose greatest value is white
     orientation: int = 1  # the Exif orientation that was undone, 1 to 8
 
     @property
@@ -102,12 +103,12 @@ class Color:
 
     @property
     def pixels(self) -> NDArray[np.float32]:
-        """The whole image, float32 [H, W, C]."""
+        """The channels without passes, float32 [H, W, C]."""
         own = self.planes[: len(self.channels)]
         return np.stack([plane[:] for plane in own], axis=2, dtype=np.float32)
 
 
-SHARP_INSIDE = "the sharp picture inside it"  # ends the note of a photograph of which that is read
+SHARP_INSIDE = "the sharp picture inside it"  # end of the note on such a picture
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
 LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
 
@@ -125,10 +126,19 @@ def read_color(
 ) -> Color:
     """Decode a colour image.
 
-    `layer`, `part`, `view`: of an EXR file; `part`: or a TIFF's page; `overscan`: pixels beyond the
-    display window that are read, too; `blur_channels`: names or patterns of further light;
-    `original`: whether the sharp picture inside a photograph is taken, where there is one;
-    `carried`: whether further channels of an EXR file are read.
+    Args:
+        path: The file.
+        layer: Name of a colour layer of an EXR file; PART/LAYER works, too.
+        part: Index of a part of an EXR file, or of a page of a TIFF.
+        view: Name of a view of an EXR file; None for the default one.
+        overscan: Pixels beyond the display window that are read, too.
+        blur_channels: Names or patterns of further channels of light, which become passes.
+        original: Whether the sharp picture inside a photograph is read instead, if there is one.
+        carried: Whether the other channels of an EXR file are read, too.
+
+    Raises:
+        InputError: If the file cannot be read, or has no colour or several to choose from.
+        UsageProblem: If a layer or channels are named for a file that is not EXR.
     """
     if not is_exr(read_head(path)):
         for option, value in (("color-layer", layer), ("blur-channels", blur_channels)):
@@ -199,7 +209,7 @@ def _no_exr(path: Path, part: int | None, *, original: bool) -> Color:
 
 
 def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
-    """The number of pixels that are NaN or beyond ±`maximum`, and the first as text x,y."""
+    """The number of pixels that are NaN or beyond ±`maximum`, and the first as "x,y" or ""."""
     most = np.float32(maximum)
     return count_of(~np.logical_and.reduce([np.abs(p) <= most for p in color.planes]))
 
@@ -262,7 +272,10 @@ _THUMBNAIL = "preview"  # attribute of an EXR header
 def _planes(
     part: ExrPart, chosen: ChannelGroup, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
-    """The names and arrays of a colour layer; alpha is added if pixels of the frame are missing."""
+    """The names and the arrays [H, W] of a colour layer.
+
+    Alpha is added if the file lacks pixels of the frame: 1 where it has pixels, else 0.
+    """
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
     frame = header.display.grown(overscan)
@@ -275,7 +288,6 @@ def _planes(
 
 
 def _aspect(header: Header) -> float:
-    """The width of a pixel divided by its height; 1 if it is nearly square."""
     aspect = header.pixel_aspect
     return 1.0 if abs(aspect - 1) <= _NEARLY_SQUARE else aspect
 
@@ -299,7 +311,10 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
 def _extras(
     parts: Sequence[ExrPart], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """The channels outside the layer by name (PART.NAME), and notes on parts left out."""
+    """The channels outside the layer by name, and notes on parts that are left out.
+
+    Names are PART.NAME if they are those of another channel otherwise.
+    """
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}
     left_out = []

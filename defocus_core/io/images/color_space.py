@@ -1,7 +1,7 @@
 """Colour spaces of files: what they declare, and the curves between their samples and light.
 
-The curve is sRGB's (IEC 61966-2-1), a power, or none. An ICC profile of a matrix and curves
-(ICC.1:2022, 8.3.4), or of grey (8.3.5), has the curve in its TRC tags, as a formula or a table. A
+The curve is sRGB's (IEC 61966-2-1), a power, or none. In an ICC profile of a matrix and curves
+(ICC.1:2022, 8.3.4), or of grey (8.3.5), the TRC tags hold the curve, as a formula or a table. A
 blur is linear in light and needs only the curve: primaries and profile stay unchanged. Any other
 curve, as in a profile of tables, is not applied, and a warning says so.
 """
@@ -32,29 +32,29 @@ _HEAD = 128  # bytes of a profile
 _MAX_TAGS = 200
 _PARAMETERS = (1, 3, 4, 5, 7)  # numbers of each type of parametric curve
 _STEPS = np.linspace(0, 1, 257)  # samples at which curves are compared
-_SAME_LIGHT = 1e-3  # most by which curves differ that are one: tables and fixed points round them
-_GAMMAS = (0.1, 10.0)  # of a curve that rises from black to white
+_SAME_LIGHT = 1e-3  # greatest difference of equal curves, which tables and fixed point round
+_GAMMAS = (0.1, 10.0)  # least and greatest exponent that is accepted
 _SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
 _CURVES = {None: "sRGB", 1.0: "linear"}
 _FLOATS = frozenset({"half", "float", "double"})
-# Codes of ITU-T H.273 that PNG and HEIC have
+# Codes of ITU-T H.273 in PNG and HEIC
 _PRIMARIES_OF_CODE = {1: REC_709, 9: NAMED["Rec. 2020"], 12: NAMED["Display P3"]}
-_HDR = {16: "PQ", 18: "HLG"}  # curves whose light is no share of white
+_HDR = {16: "PQ", 18: "HLG"}  # curves whose light is not relative to white
 CODES = "CICP"  # OpenImageIO's name of the attribute
 
 
 class Profile(NamedTuple):
-    """The curve by which R, G and B of a file, or its grey, become light."""
+    """The curve and the primaries of an ICC profile."""
 
     gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     primaries: Chromaticities
 
 
 class Embedded(NamedTuple):
-    """The colour profile of an input, to be embedded in outputs: the bytes and the curve."""
+    """The colour profile of an input, to be embedded in outputs."""
 
-    data: bytes
-    gamma: float | None  # as of `Profile`; None too where its curve is not known
+    data: bytes  # the profile itself
+    gamma: float | None  # as in `Profile`; also None if the curve is unknown
 
 
 def read_profile(data: bytes) -> Profile | None:
@@ -76,9 +76,10 @@ def read_profile(data: bytes) -> Profile | None:
 
 
 def sound_profile(data: bytes, colors: int) -> bytes:
-    """The bytes of the profile at the start of `data`; empty if encoders do not accept it.
+    """The bytes of the profile at the start of `data`; empty if encoders would not accept it.
 
-    ICC.1:2022, 7.2. A wrong number of colours makes libpng end the process.
+    ICC.1:2022, 7.2. `colors`: number of colour channels, 1 or 3; a wrong number makes libpng end
+    the process.
     """
     if len(data) < _HEAD + 4:
         return b""
@@ -113,7 +114,7 @@ def _gamma(data: bytes) -> float | None:
 
 
 def _curve(data: bytes) -> NDArray[np.float64]:
-    """The light at the samples `_STEPS` by a curve as ICC.1:2022, 10.6 and table 68, stores it."""
+    """The light at the samples `_STEPS` by the bytes of a curve (ICC.1:2022, 10.6 and table 68)."""
     if data[:4] == b"curv":
         (count,) = struct.unpack_from(">I", data, 8)
         numbers = np.frombuffer(data, ">u2", count, 12) if count else np.array([256])
@@ -135,19 +136,19 @@ def _curve(data: bytes) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class ColorSpace:
-    """The meaning of the samples of a file."""
+    """How the samples of a file become light."""
 
     gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
-    note: str  # the same in words
-    unheeded: str  # what the file declares that is not applied; empty if nothing
-    hdr: str = ""  # the curve of HDR television that it declares, which is not decoded
+    note: str  # type of the samples and curve, in words
+    unheeded: str  # declared profile or space that is not applied, in words; empty if none
+    hdr: str = ""  # the curve of HDR television that the file declares, which is not decoded
     primaries: Chromaticities = REC_709  # of the decoded light
-    # The attribute by which another file has the profile; none if there is none
+    # The attribute that embeds the profile in another file; empty without a profile
     attributes: Mapping[str, Embedded] = field(default_factory=dict)
 
 
 def color_space(spec: Any) -> ColorSpace:
-    """The colour space of the samples of an OpenImageIO ``spec``."""
+    """The colour space of the samples of an OpenImageIO ``spec``, the header of an image."""
     kind, stored = str(spec.format), spec.getattribute(PROFILE)
     color_count = spec.nchannels - (spec.alpha_channel >= 0)
     data = b"" if stored is None else sound_profile(bytes(stored), color_count)
@@ -173,7 +174,11 @@ def color_space(spec: Any) -> ColorSpace:
 
 
 def _declared(spec: Any, kind: str) -> tuple[float | None, str]:
-    """The exponent declared by a file, or usual for its type; and a space that is not applied."""
+    """The exponent that a file declares, or that is usual for its type, and a space not applied.
+
+    The exponent is 1 for linear, None for sRGB; the space is in words, empty if none. `kind`: the
+    type of the samples.
+    """
     # named like ``srgb_rec709_scene``: curve, primaries, reference
     space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
     gamma: float | None = spec.get_float_attribute("oiio:Gamma", 0.0)
@@ -196,7 +201,7 @@ def srgb_to_linear(encoded: NDArray[Any]) -> NDArray[np.float64]:
 def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     """Encoded sRGB values of linear light, both 0…1; negative light is taken as 0."""
     value = np.maximum(linear, np.float32(0.0))
-    toe = np.minimum(value, np.float32(1.0)) * np.float32(12.92)  # what is near the largest float
+    toe = np.minimum(value, np.float32(1.0)) * np.float32(12.92)  # the largest floats overflow
     curve = np.float32(1.055) * value ** np.float32(1 / 2.4) - np.float32(0.055)
     return np.where(value <= np.float32(0.0031308), toe, curve)
 
@@ -210,12 +215,12 @@ def encoded_light(light: NDArray[np.float32], gamma: float | None) -> NDArray[np
 
 @cache
 def _table(bits: int, gamma: float | None) -> NDArray[np.float32]:
-    """The linear light [2^bits] of every integer of 8 or 16 bits."""
+    """The linear light [2^bits] of every integer of 8 or 16 bits, by its value."""
     return _light(np.arange(2**bits) / (2**bits - 1), gamma)
 
 
 def _light(values: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
-    """Linear light of samples: floats 0…1, or integers by a table."""
+    """Linear light of samples: of floats 0…1, or of integers by a table; `gamma`: see `Profile`."""
     if values.dtype.kind == "u":
         light: NDArray[np.float32] = _table(values.dtype.itemsize * 8, gamma)[values]
         return light
@@ -232,7 +237,10 @@ def linear_light(
     gamma: float | None,  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     associated: bool = False,
 ) -> NDArray[np.float32]:
-    """Linear light of the samples of a file, premultiplied by alpha if there is one."""
+    """Linear light of the samples of a file, premultiplied by alpha if there is one.
+
+    `associated`: whether the samples are already multiplied by alpha.
+    """
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.
         visible = np.where(alpha > 0, alpha, np.float32(1.0))
@@ -243,7 +251,7 @@ def linear_light(
 
 
 def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
-    """Integers as 0…1, floats as they are."""
+    """Samples as float32: integers scaled to 0…1, floats as they are."""
     if samples.dtype.kind != "u":
         return samples.astype(np.float32)
     scaled: NDArray[np.float32] = np.divide(samples, np.iinfo(samples.dtype).max, dtype=np.float32)
@@ -255,7 +263,7 @@ def quantised(
 ) -> NDArray[Any]:
     """Values 0…1 as the nearest integers of 8 or 16 bits; values outside are clipped.
 
-    `dither`: fractions of a level, within ±0.5, added before rounding; None for none.
+    `dither`: fractions of a step, within ±0.5, added before rounding; None for no dither.
     """
     clipped = np.clip(np.nan_to_num(values, nan=0.0), 0.0, 1.0)
     scaled = clipped * np.float32(2**bits - 1)

@@ -15,10 +15,11 @@ from defocus_core.io.read_files import once, read_head
 if TYPE_CHECKING:
     from defocus_core.io.array_files import ArrayEntry
 
-# Bytes of a number of each type, as the parts of a file name it.
+# Bytes of a number by type; the types are those of `Channel.type`.
 SAMPLE_BYTES = {"half": 2, "uint": 4, "float": 4, "double": 8}
 SAMPLE_BYTES |= {f"{kind}{8 * n}": n for kind in ("uint", "int", "float") for n in (1, 2, 4, 8)}
-# A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
+# A file with more numbers than the first, and than the second per byte of the file, is nearly
+# empty: real pictures do not compress so much.
 MOST_NUMBERS, NUMBERS_OF_A_BYTE = 2**26, 32
 
 
@@ -28,9 +29,9 @@ class FileInfo:
 
     path: Path
     width: int  # of the picture shown, in px
-    height: int  # in px
+    height: int  # of the picture shown, in px
     parts: tuple[Header, ...]  # one, except in some EXR and TIFF files
-    pixels: int  # the most that are read, with those beyond the picture shown
+    pixels: int  # greatest number that is read, with those beyond the picture shown
 
     @property
     def deep(self) -> bool:
@@ -39,17 +40,17 @@ class FileInfo:
 
     @property
     def names(self) -> list[str]:
-        """The channels of all parts."""
+        """The names of the channels of all parts."""
         return [channel.name for part in self.parts for channel in part.channels]
 
     @property
     def numbers(self) -> int:
-        """The count of numbers in all channels, the most that are read."""
+        """The greatest number of samples, in all channels together, that is read."""
         return self.pixels * len(self.names)
 
     @property
     def nearly_empty(self) -> str:
-        """The count of numbers in words, if the file is too small to hold so many; else empty."""
+        """A note in words if the file is too small to hold so many real numbers; else empty."""
         size = self.path.stat().st_size
         if self.numbers <= max(MOST_NUMBERS, NUMBERS_OF_A_BYTE * size):
             return ""
@@ -58,7 +59,7 @@ class FileInfo:
 
 @once
 def describe(path: Path) -> FileInfo:
-    """The header of a colour or depth file; no pixel is decoded."""
+    """Size, channels and parts of a colour or depth file; no pixel is decoded."""
     head = read_head(path, 32)
     if is_exr(head):
         headers = read_headers(path)
@@ -81,7 +82,7 @@ def describe(path: Path) -> FileInfo:
 
 
 def _of_arrays(path: Path, entries: Mapping[str, ArrayEntry]) -> FileInfo:
-    """The header of a file of arrays; its size is that of the first array."""
+    """The information on a file of arrays; its size is that of the first array."""
     from defocus_core.io.array_files import squeezed_shape
 
     channels, sizes = [], []
@@ -102,7 +103,7 @@ def _part(
     deep: bool = False,
     whole: bool = True,
 ) -> Header:
-    """The header of a page or an array as that of an EXR part; `channels`: (name, type) of each."""
+    """A page or an array described as an EXR part; `channels`: (name, type) of each."""
     frame = Window(0, 0, width - 1, height - 1)
     named = tuple(Channel(name, kind, name) for name, kind in channels)
     return Header(index, "", named, frame, frame, deep=deep, whole=whole)

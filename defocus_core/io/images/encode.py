@@ -1,10 +1,10 @@
-"""Images encoded in the format of their suffix, and written whole.
+"""Images encoded in the format of their suffix, and written completely or not at all.
 
 PNG (8 or 16 bit), TIFF (16 bit), JPEG and WEBP (8 bit): sRGB, converted from the primaries that the
 attributes declare, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is composited
-over black. All keep an `Embedded` profile with its curves and primaries, and all but WEBP keep the
-`Tag` attributes of an input. The same pixels and attributes make the same bytes: no date is
-added.
+over black. If the attributes have an `Embedded` profile, its curve and its primaries are used
+instead, and it is written. All but WEBP keep the `Tag` attributes of an input. The same pixels and
+attributes give the same bytes: no date is added.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpe
 FORMATS[".webp"] = "webp"
 Attributes = Mapping[str, str | int | Tag | Embedded]
 _SOFTWARE = "defocus"
-_ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
-_HALF_LEVEL = 0.49  # of a dither: a value that is a level but for rounding stays
+_ROUNDING = 1e-5  # light above 1 up to here is rounding: less than half a step of 16 bits
+_HALF_LEVEL = 0.49  # greatest dither in steps: values that are a step except for rounding stay
 _LOSSY = ("jpeg", "webp")
-_OTHER_BYTES = 1 << 22  # of a file beside its pixels: profile and tags, at most
+_OTHER_BYTES = 1 << 22  # greatest size of a file without its pixels: profile and tags
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
     "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
@@ -62,10 +62,16 @@ def write_image(
 ) -> list[str]:
     """Write an image in the format of its suffix; returns warnings of losses, one clause each.
 
-    `planes`: C arrays [H, W], scene-linear, premultiplied if A is among the C channels; `bits`: of
-    a PNG; `attributes`, of which `Tag` and ``defocus:*`` are kept; `has_clipped`: whether clipped
-    light is a loss, not an overshoot of a blur; `smooth`: [H, W] bool, the pixels that are dithered
-    in 8 bits, so that slopes have no bands; None for none.
+    Args:
+        path: The file.
+        planes: C arrays [H, W], scene-linear, premultiplied if A is among the C channels.
+        channels: Names of the planes: R, G, B or Y, then A if there is one.
+        bits: 8 or 16, of a PNG.
+        jpeg_quality: 1 to 100, of JPEG and WEBP.
+        attributes: By name; of these, `Tag`, `Embedded` and texts named ``defocus:*`` are written.
+        has_clipped: Whether clipped light is a loss to warn of, not an overshoot of a blur.
+        smooth: [H, W] bool, pixels to which dither is added in 8 bits, so that slopes show no
+            bands; None for no dither.
     """
     if path.suffix.lower() not in FORMATS:
         problem = "has the suffix of a format that is not written"
@@ -109,7 +115,7 @@ def write_image(
 def srgb_matrix(
     path: Path, channels: Sequence[str], attributes: Mapping[str, object]
 ) -> NDArray[np.float32] | None:
-    """The matrix [3, 3] from the primaries that attributes declare to those of sRGB, or None."""
+    """The matrix [3, 3] from the declared primaries to those of sRGB; None if none is needed."""
     if tuple(channels[:3]) != ("R", "G", "B"):
         return None
     try:
@@ -120,7 +126,7 @@ def srgb_matrix(
 
 
 def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """The fractions of a level [h, W, 1], within ±0.5, that are added to smooth pixels."""
+    """The dither [h, W, 1] of some rows, within ±0.5 of a step; 0 where not `smooth` [h, W]."""
     # spread evenly over any small square, by powers of the plastic number (Roberts 2018)
     y, x = np.arange(rows.start, rows.start + len(smooth))[:, None], np.arange(smooth.shape[1])
     offsets = ((0.5698402909980532 * y + 0.7548776662466927 * x) % 1 - 0.5) * _HALF_LEVEL * 2
@@ -135,12 +141,12 @@ def display_encoded(
     keep_alpha: bool,
     to_srgb: NDArray[np.float32] | None = None,
     gamma: float | None = None,  # of the power law that encodes the colours; None for sRGB's curve
-    dither: NDArray[np.float32] | None = None,  # [H, W, 1], parts of a level to add to the colours
+    dither: NDArray[np.float32] | None = None,  # [H, W, 1], fractions of a step added to colours
 ) -> tuple[NDArray[Any], int, int]:
-    """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
+    """Linear, premultiplied pixels encoded as integers of a number of bits, alpha unassociated.
 
-    `to_srgb`: matrix [3, 3] to the primaries of sRGB; None if they are that already. Returns uint8
-    or uint16 [H, W, C'], and the two counts.
+    `to_srgb`: matrix [3, 3] to the primaries of sRGB; None if the pixels have these. Returns uint8
+    or uint16 [H, W, C'], and the numbers of pixels above white and below black.
     """
     count = len(channels) - (channels[-1] == "A")
     colour, alpha = np.split(np.asarray(pixels, np.float32), [count], axis=2)
@@ -159,7 +165,7 @@ def display_encoded(
 
 
 def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
-    """Write an array [H, W] of numbers as a float32 TIFF, as they are, with a channel's name."""
+    """Write numbers [H, W] unchanged as a float32 TIFF, with the channel's name in a tag."""
     # no predictor: not all read it
     named: dict[str, str | int] = {"tiff:predictor": 1, OWN_CHANNEL: f"{OWN}{channel}"}
     write_samples(path, plane[..., None].astype("float32"), "tiff", named)
@@ -174,18 +180,17 @@ def write_samples(path: Path, samples: NDArray[Any], codec: str, attributes: Att
 def encode(
     path: Path, file: BinaryIO, samples: NDArray[Any], codec: str, attributes: Attributes
 ) -> None:
-    """Encode samples into a new file, and read them back as a check; errors name ``path``."""
-    # of a full disk PNG says nothing, JPEG ends the process, and WEBP never ends
+    """Encode samples into an open new file, and decode it as a check; errors name ``path``."""
+    # on a full disk PNG reports no error, JPEG ends the process, and WEBP never ends
     spec = _spec(samples, codec, attributes)
     _require_room(file, 2 * spec.image_bytes() + _OTHER_BYTES)
-    name = f"/dev/fd/{file.fileno()}"  # which no link leads elsewhere
+    name = f"/dev/fd/{file.fileno()}"  # cannot be replaced by a link meanwhile
     if error := _encoder_error(name, spec, samples, codec) or _reader_error(Path(name)):
         problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
         raise InputError("unwritable", problem, "write EXR instead", path=path)
 
 
 def _require_room(file: BinaryIO, count: int) -> None:
-    """Raise OSError where a new file cannot grow to so many bytes."""
     os.truncate(file.fileno(), count)  # refused beyond the limit of the process
     os.truncate(file.fileno(), 0)
     disk = os.fstatvfs(file.fileno())
@@ -194,7 +199,7 @@ def _require_room(file: BinaryIO, count: int) -> None:
 
 
 def _encoder_error(target: str, spec: Any, samples: NDArray[Any], codec: str) -> str:
-    """Encode samples to a file; returns the message of the encoder, empty on success."""
+    """Encode samples to the file `target`; returns the encoder's message, empty on success."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     with quiet():
@@ -205,7 +210,7 @@ def _encoder_error(target: str, spec: Any, samples: NDArray[Any], codec: str) ->
 
 
 def _reader_error(name: Path) -> str:
-    """The message of the decoder of a file; empty if all rows are decoded."""
+    """The message of the decoder of a file; empty if all rows can be decoded."""
     try:
         with quiet(), opened_image(name, partial(damaged, name)) as file:
             spec = file.spec()

@@ -1,8 +1,8 @@
 """Primaries of colour: what a file declares, and the matrices from one set to another.
 
-A set of primaries is eight numbers, x and y of red, green, blue and white (SMPTE RP 177-1993 has
-the way from them to XYZ). Another white is adapted by the Bradford matrix (K. Lam, "Metamerism and
-Colour Constancy", 1985), as ICC profiles do it.
+A set of primaries is eight numbers, x and y of red, green, blue and white; SMPTE RP 177-1993 says
+how to compute XYZ from them. Another white is adapted by the Bradford matrix (K. Lam, "Metamerism
+and Colour Constancy", 1985), as in ICC profiles.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ NAMED: dict[str, Chromaticities] = {
     "ACES AP1": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
     "CIE XYZ": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3),
 }
-_SAME = 2e-3  # difference of x or y: profiles and half floats round them
-_D50 = np.array([0.9642, 1.0, 0.8249])  # the white of all profiles
+_SAME = 2e-3  # greatest difference of equal x or y, which profiles and half floats round
+_D50 = np.array([0.9642, 1.0, 0.8249])  # X, Y, Z of the white of all profiles
 _BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
-PRIMARIES = "chromaticities"  # of an EXR header
+PRIMARIES = "chromaticities"  # attribute of an EXR header, and its type
 PROFILE = "ICCProfile"  # OpenImageIO's name of an attribute
 
 
 def declared_primaries(attributes: Mapping[str, object]) -> Chromaticities:
-    """The primaries that attributes of an EXR header declare; Rec. 709 where they declare none."""
+    """The primaries that attributes of an EXR header declare, Rec. 709 by default."""
     said = attributes.get(PRIMARIES)
     if isinstance(said, Raw) and said.kind == PRIMARIES and len(said.value) == 32:
         return struct.unpack("<8f", said.value)
@@ -46,7 +46,7 @@ def declared_primaries(attributes: Mapping[str, object]) -> Chromaticities:
 
 
 def primaries_attribute(primaries: Chromaticities) -> dict[str, Raw]:
-    """The attribute of an EXR header that declares primaries; none for Rec. 709, its default."""
+    """The attribute of an EXR header that declares primaries; empty for Rec. 709, the default."""
     if same_primaries(primaries, REC_709):
         return {}
     return {PRIMARIES: Raw(PRIMARIES, struct.pack("<8f", *primaries))}
@@ -60,7 +60,10 @@ def same_primaries(a: Chromaticities, b: Chromaticities) -> bool:
 def refuse_other_primaries(
     path: Path, attributes: Mapping[str, object], other: Mapping[str, object], name: str
 ) -> None:
-    """Refuse a picture whose light would be mixed with that of a picture of other primaries."""
+    """Refuse to mix a picture's light with that of a picture with other primaries.
+
+    `attributes` belong to the picture at `path`, `other` to the picture called `name` in the error.
+    """
     theirs, own = declared_primaries(attributes), declared_primaries(other)
     if not same_primaries(theirs, own):
         problem = f"has the primaries {primaries_name(theirs)} but {name} {primaries_name(own)}"
@@ -68,7 +71,7 @@ def refuse_other_primaries(
 
 
 def primaries_name(primaries: Chromaticities) -> str:
-    """The name of a set of primaries, or its numbers."""
+    """The name of a set of primaries; its numbers in words if it has no name."""
     for name, known in NAMED.items():
         if same_primaries(primaries, known):
             return name
@@ -91,9 +94,9 @@ def xyz_of_primaries(primaries: Chromaticities) -> NDArray[np.float64]:
 def between_primaries(
     source: Chromaticities, target: Chromaticities = REC_709
 ) -> NDArray[np.float32] | None:
-    """The matrix [3, 3] from linear R, G, B of one set to those of another; None for the same.
+    """The matrix [3, 3] from linear R, G, B of one set to those of another; None if they are equal.
 
-    White becomes white, adapted by the Bradford matrix.
+    White becomes white: it is adapted by the Bradford matrix.
     """
     if same_primaries(source, target):
         return None
@@ -104,7 +107,7 @@ def between_primaries(
 
 
 def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
-    """The Bradford matrix [3, 3] that takes one white, X, Y, Z, to another."""
+    """The Bradford matrix [3, 3] that adapts X, Y, Z from one white, `source`, to another."""
     cones = np.array(_BRADFORD)
     gains = (cones @ target) / (cones @ source)
     matrix: NDArray[np.float64] = np.linalg.inv(cones) @ (gains[:, None] * cones)
@@ -112,9 +115,9 @@ def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
 
 
 def primaries_of_columns(columns: NDArray[np.float64]) -> Chromaticities:
-    """The primaries of the columns X, Y, Z [3, 3] of an ICC profile, adapted to D50.
+    """The primaries of an ICC profile, given its columns X, Y, Z [3, 3], which are adapted to D50.
 
-    A named set is returned if it matches; else the primaries with the white D50, equivalent.
+    A named set is returned if it matches; else equivalent primaries with the white D50.
     """
     for known in NAMED.values():
         native = xyz_of_primaries(known)
@@ -125,7 +128,10 @@ def primaries_of_columns(columns: NDArray[np.float64]) -> Chromaticities:
 
 
 def converted(pixels: NDArray[np.float32], matrix: NDArray[np.float32] | None) -> Any:
-    """Linear pixels [H, W, 3…] with the first three channels multiplied by a matrix [3, 3]."""
+    """Linear pixels [H, W, 3…] whose first three channels are multiplied by a matrix [3, 3].
+
+    Without a matrix they are unchanged.
+    """
     if matrix is None:
         return pixels
     return np.concatenate([pixels[..., :3] @ matrix.T, pixels[..., 3:]], axis=-1)

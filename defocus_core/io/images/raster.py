@@ -1,4 +1,4 @@
-"""PNG, JPEG, TIFF, WEBP and HDR files, decoded by OpenImageIO.
+"""PNG, JPEG, TIFF, WEBP, HDR and HEIC files, decoded by OpenImageIO and pillow-heif.
 
 Samples are returned as in the file: without colour conversion, and not multiplied by alpha (by
 default OpenImageIO multiplies sRGB integers by alpha, which loses precision and is not linear).
@@ -38,21 +38,22 @@ _SAMPLES["double"] = "float"
 _WANTED = "EXR, PNG, JPEG, TIFF, WEBP or HDR"
 _INTEGERS = ("uint8", "uint16")
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
-# How files of these kinds begin
+# First bytes of files of these kinds
 _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
-# Of orientations, those that swap rows and columns, and those that reverse them after that.
+# Exif orientations that swap rows and columns; those that then reverse rows; those that reverse
+# columns.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 HEIC_DAMAGE = "is a damaged HEIC file"
-OWN = "defocus:"  # begins names and values by which a file says how it was made
-OWN_CHANNEL = "DocumentName"  # the tag of a TIFF that names the one channel of a map of ours
-PLAIN_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}  # names, by their number
-_MOST_PAGES = 256  # that a TIFF may have: to look at one goes through those before it
+OWN = "defocus:"  # prefix of attributes that say how defocus made a file
+OWN_CHANNEL = "DocumentName"  # tag of a TIFF written by defocus that names its only channel
+PLAIN_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}  # names of channels by their number
+_MOST_PAGES = 256  # of a TIFF: to find a page, all pages before it are read
 
 
 @dataclass(frozen=True)
 class Raster:
-    """The header of an image file, turned upright by its Orientation."""
+    """The header of one image of a file, turned upright by its Orientation."""
 
     width: int  # in px
     height: int  # in px
@@ -62,13 +63,13 @@ class Raster:
     associated: bool = False  # whether colour is already multiplied by alpha
     deep: bool = False  # whether it holds deep data, which has no samples
     orientation: int = 1  # the Exif orientation that was undone, 1 to 8; 1 is upright
-    page: int = 0  # which image of the file it is, from 0: a TIFF may have several
-    bits: int = 0  # of each sample, where the file has fewer than the type; else 0
+    page: int = 0  # index of the image in its file: a TIFF may have several
+    bits: int = 0  # bits of each sample, if the file has fewer than the type; else 0
     whole: bool = True  # False for a thumbnail or mask of another image
     tags: Mapping[str, Tag] = field(default_factory=dict)  # its metadata on camera and author
 
 
-# What to do with files that hold pictures, but are none, by suffix.
+# Remedies for video and raw files, by suffix.
 _CONVERSIONS = {
     **dict.fromkeys(
         (".mp4", ".mov", ".mkv", ".avi", ".webm"),
@@ -103,9 +104,10 @@ def read_pages(path: Path, *, wanted: str = _WANTED, every_type: bool = False) -
 
 
 def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
-    """The chosen image of a file: the only one, or number ``part``, counted from 0.
+    """The only image of a file, or the one with the index ``part``.
 
-    `pages`: of Raster or Header.
+    Without a part, the only one that is no thumbnail or mask; several are an InputError. `pages`:
+    headers, of type `Raster` or `Header`.
     """
     if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
@@ -120,7 +122,7 @@ def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
 
 
 def read_samples(path: Path, page: int = 0) -> NDArray[Any]:
-    """The samples of an image of a file, upright: uint8, uint16 or float32 [H, W, C]."""
+    """The samples of an image of a file, turned upright: uint8, uint16 or float32 [H, W, C]."""
     if is_heic(read_head(path)):
         file = open_heic(path)
         with decoding(path, HEIC_DAMAGE), quiet():
@@ -150,7 +152,7 @@ def open_heic(path: Path) -> Any:
 
 
 def _heic_page(path: Path) -> Raster:
-    """The picture of a HEIC photograph, which libheif has turned upright."""
+    """The header of the picture of a HEIC photograph, which libheif has turned upright."""
     import OpenImageIO as oiio  # noqa: N813
 
     file = open_heic(path)
@@ -223,7 +225,10 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
 
 
 def _canonical(spec: Any) -> Iterator[str]:
-    """The channel names: Y for grey, A for alpha, and its own for a map written by this program."""
+    """Yield names of the channels: Y for grey, A for alpha, else the file's own.
+
+    A map written by this program has the name of its channel.
+    """
     program, _, own = spec.get_string_attribute(OWN_CHANNEL).rpartition(":")
     if spec.nchannels == 1 and f"{program}:" == OWN and own.isidentifier():
         yield own
@@ -237,13 +242,14 @@ def _canonical(spec: Any) -> Iterator[str]:
             yield name
 
 
-# OpenImageIO's names; other attributes describe how the file is encoded.
+# Tags by OpenImageIO's names; other attributes describe how the file is encoded.
 _TAG_GROUPS = ("Exif:", "GPS:", "IPTC:")
 _TAGS = {"Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime", "FNumber"}
 _TAGS |= {"ExposureTime"}
-# The output may differ from these, or they are of unknown structure.
+# Not copied: the output may differ from them, or their structure is unknown.
 _NO_TAGS = ("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote")
-# Of all tags, as text: JPEG has 64 KB for them, and its encoder ends the process if they are more.
+# Bytes of all tags as text: JPEG has room for 64 KB, and its encoder ends the process if they are
+# more.
 _MAX_BYTES = 2**14
 
 
@@ -254,7 +260,7 @@ class Tag(NamedTuple):
 
 
 def tags_of(spec: Any) -> dict[str, Tag]:
-    """The tags of an OpenImageIO ``spec`` by name, shortest first; only as many as fit a JPEG."""
+    """The tags of an OpenImageIO ``spec`` by name, shortest first, as many as fit in a JPEG."""
     tags = {
         each.name: Tag(_text(each.value) if isinstance(each.value, str) else each.value)
         for each in spec.extra_attribs
@@ -272,7 +278,7 @@ def tags_of(spec: Any) -> dict[str, Tag]:
 
 
 def _text(text: str) -> str:
-    """Text of a tag; what is not UTF-8 is taken for Latin-1, as older cameras write it."""
+    """The text of a tag; bytes that are not UTF-8 are read as Latin-1, as older cameras write."""
     try:
         text.encode()
     except UnicodeEncodeError:

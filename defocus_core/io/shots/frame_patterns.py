@@ -1,7 +1,7 @@
-"""Frame patterns: paths that number the frames of a shot, and the frames wanted of it.
+"""Frame patterns: paths that number the frames of a shot, and the choice of frames.
 
 ``shot.####.exr``, ``shot.%04d.exr``, Houdini's ``shot.$F4.exr`` and ``shot.@@@@.exr`` stand for
-``shot.1001.exr`` and so on: numbers of four digits at least.
+``shot.1001.exr`` and so on, with numbers of at least four digits.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from defocus_core.system.text import counted
 MISSING = ("error", "skip")
 _FIELD = re.compile(r"#+|%0?\d*d")
 _OTHER_FIELD = re.compile(r"\$F(\d{0,2})|@{2,}")
-_RANGE = re.compile(r"\d+-\d+(x\d+)?[#@]")  # as some programs write the frames of a pattern
-_DIGITS = 18  # of a frame
+_RANGE = re.compile(r"\d+-\d+(x\d+)?[#@]")  # frames inside a pattern, as some programs write them
+_DIGITS = 18  # greatest number of digits of a frame
 _LONGEST_LIST = 2**16  # characters
-_MAX_FRAMES = 2**20  # from the first to the last, where files alone say which are wanted
+_MAX_FRAMES = 2**20  # from the first to the last, if no frames are asked for
 _EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
 
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Which frames of a shot are rendered."""
+    """The choice of the frames of a shot to render."""
 
-    numbers: tuple[int, ...] | None = None  # the frames, ascending; None for all that are there
-    missing: str = "error"  # ``error`` or ``skip``, for frames without a file
-    # The option that chooses, for errors
+    numbers: tuple[int, ...] | None = None  # the frames, ascending; None for all with files
+    missing: str = "error"  # what is done with frames without a file: ``error`` or ``skip``
+    # The option that names the frames, for errors
     source: Place = field(default=CALLER.with_field("frames"), compare=False)
 
 
@@ -41,12 +41,12 @@ ALL = FrameChoice()
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether a path is a frame pattern; the name of an existing file is none."""
+    """Whether a path is a frame pattern and does not exist as a file of that name."""
     return _FIELD.search(_with_hashes(path).name) is not None and not path.exists()
 
 
 def _with_hashes(path: Path) -> Path:
-    """A frame pattern with the frame written as #, the form that its readers use."""
+    """A frame pattern with every form of number but %d written as # characters."""
 
     def hashes(found: re.Match[str]) -> str:
         return "#" * (int(found[1] or 1) if found[0][0] == "$" else len(found[0]))
@@ -55,7 +55,7 @@ def _with_hashes(path: Path) -> Path:
 
 
 def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
-    """The frames of a text like ``1001-1240x2,1300``, ascending."""
+    """The frames of a text like ``1001-1240x2,1300``, ascending; `where`: its place, for errors."""
     from fileseq.exceptions import MaxSizeException
     from fileseq.frameset import FrameSet
 
@@ -105,7 +105,10 @@ def frames_of(pattern: Path) -> dict[int, Path]:
 def chosen(
     patterns: Mapping[Path, Mapping[int, Path]], choice: FrameChoice
 ) -> tuple[tuple[int, ...], str]:
-    """The frames to render, which all patterns have, and a note on frames that were skipped."""
+    """The frames to render, which have a file in every pattern, and a note on frames skipped.
+
+    `patterns`: the files of each pattern by frame.
+    """
     wanted = choice.numbers or expected({n for files in patterns.values() for n in files})
     lacking = {
         pattern: lost
@@ -129,7 +132,7 @@ def chosen(
 
 
 def expected(numbers: Iterable[int]) -> tuple[int, ...]:
-    """The frames of a regular numbering: from the first to the last, at equal steps.
+    """The frames of a regular numbering from the first to the last, and those given.
 
     The step is the most common difference of consecutive frames.
     """
@@ -153,7 +156,7 @@ def gaps(numbers: Iterable[int]) -> tuple[int, ...]:
 
 
 def in_words(numbers: Iterable[int]) -> str:
-    """Frames as ``3 frames, 1005, 1010-1011``."""
+    """The number of frames and their ranges, as ``3 frames, 1005, 1010-1011``."""
     from fileseq.frameset import FrameSet
 
     every = sorted(numbers)

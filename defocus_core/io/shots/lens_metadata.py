@@ -1,9 +1,9 @@
-"""Lens options that a picture's metadata holds: OpenEXR's attributes, V-Ray's, or Exif.
+"""Lens options in a picture's metadata: OpenEXR's attributes, V-Ray's, or Exif.
 
-OpenEXR's standard attributes (openexr.com, "Standard Attributes") are ``focus`` in metres,
-infinity allowed; ``aperture``, the f-number, or else ``tStop``; focal lengths in mm; the pitch of
-the photosites in micrometres and the rectangle of them that was read. V-Ray's ``camera…`` are in
-mm, its target distance in the unit of its scene, which is that of its depth.
+OpenEXR's standard attributes (openexr.com, "Standard Attributes") are ``focus`` in metres, infinity
+allowed; ``aperture``, the f-number, or else ``tStop``; focal lengths in mm; the pitch of the
+photosites in micrometres and the rectangle of them that was read. V-Ray's ``camera…`` are in mm,
+but its target distance is in the unit of its scene and of its depth.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ from defocus_core.io.images.raster import read_pages
 from defocus_core.io.read_files import read_head
 
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
-_NO_TARGET = 1e9  # of V-Ray's distances: there is no target
-_FILM_DIAGONAL = math.hypot(36, 24)  # mm, by which CIPA DCG-001 counts equivalents
+_NO_TARGET = 1e9  # V-Ray's target distance if there is no target
+_FILM_DIAGONAL = math.hypot(36, 24)  # mm; CIPA DCG-001 defines equivalent focal lengths by it
 _INFINITE = 4e9  # m, of Exif: 2³² − 1 is infinity, rounded to float
 
 
 class OptionFromMetadata(NamedTuple):
-    """The text of a lens option, and the attribute that it was taken from."""
+    """The value of a lens option as text, and the attribute from which it was read."""
 
     text: str
     attribute: str
 
 
 Numbers = Mapping[str, float]
-Rule = Callable[[float, Numbers], float]  # of the number, and all of the file; NaN if it is none
+# Makes an option's value from the number of an attribute and all numbers of the file; NaN for none
+Rule = Callable[[float, Numbers], float]
 
 
 def _same(value: float, _: Numbers) -> float:
@@ -41,7 +42,7 @@ def _same(value: float, _: Numbers) -> float:
 
 
 def _equivalent(value: float, numbers: Numbers) -> float:
-    """The width of the sensor in mm, by the focal length `value` equivalent on 35 mm film."""
+    """The sensor width in mm, given the focal length equivalent on 35 mm film, `value`."""
     foclen, width, height = (numbers.get(n, 0.0) for n in ("Exif:FocalLength", "width", "height"))
     if not (foclen > 0 and value > 0 and width > 0):
         return math.nan
@@ -50,7 +51,7 @@ def _equivalent(value: float, numbers: Numbers) -> float:
 
 _FOCAL_LENGTHS = [f"{of}FocalLength" for of in ("pinhole", "effective", "nominal", "camera")]
 _FNUMBERS = ("aperture", "tStop", "cameraFNumber")
-# The unit of each option, and its attributes, of which the first that there is wins.
+# The unit of each option, and the rules of its attributes in order of preference.
 _RULES: dict[str, tuple[str, dict[str, Rule]]] = {
     "focal-length": ("mm", dict.fromkeys((*_FOCAL_LENGTHS, "Exif:FocalLength"), _same)),
     "fnumber": ("", dict.fromkeys((*_FNUMBERS, "Exif:FNumber", "FNumber"), _same)),
@@ -75,7 +76,10 @@ _RULES: dict[str, tuple[str, dict[str, Rule]]] = {
 
 
 def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
-    """The lens options that the metadata of a colour file holds."""
+    """The lens options that the metadata of a colour file gives, by name of the option.
+
+    `metres`: metres per unit of the scene.
+    """
     numbers = {**_numbers(path), "metres": metres}
     taken: dict[str, OptionFromMetadata] = {}
     for option, (unit, rules) in _RULES.items():
@@ -88,7 +92,7 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
 
 
 def _numbers(path: Path) -> dict[str, float]:
-    """The numeric metadata of a file by name."""
+    """The numeric metadata of a file by name, with the size in px or the sensor's columns."""
     if not is_exr(read_head(path)):
         page = read_pages(path)[0]
         said = {n: tag.value for n, tag in page.tags.items() if isinstance(tag.value, int | float)}
@@ -104,7 +108,7 @@ def _numbers(path: Path) -> dict[str, float]:
 
 
 def _number(raw: Raw) -> float | None:
-    """The number that an attribute holds, as a number or as a text; None if it holds none."""
+    """The number that an attribute holds, as a number or as text; None if it holds none."""
     try:
         if raw.kind == "string":
             return float(raw.value.decode())
