@@ -82,7 +82,7 @@ class Place:
     """The place of a value: a file and a key in it, or an option of the caller if there is no path.
 
     Attributes:
-        path: the file, or a name in its place.
+        path: the file, or a name if there is no file.
         table: a table of the file, in brackets, or a line of the file.
         field: the option or key.
     """
@@ -116,7 +116,7 @@ class DefocusError(Exception):
         code: the kind of mistake, a key of `CODES`.
         problem: what is wrong, without a full stop.
         remedy: what to do about it; the empty string if there is nothing to propose.
-        path: the file concerned, or a name in its place, or a `Place` in a file.
+        path: the file concerned, or a name if there is no file, or a `Place` in a file.
         field: the option or key concerned, in the file if there is one.
         value: the value of the option, if it is a part of the mistake.
     """
@@ -265,5 +265,5 @@ class NoteKinds:
 
 
 def with_dashes(text: str, keys: Mapping[str, str] | None = None) -> str:
-    """``text`` with options written as on a command line, or by name as ``keys`` writes them."""
+    """``text`` with options as written on a command line, or as ``keys`` maps their names."""
     return _OPTION.sub(lambda option: (keys or {}).get(option[1], f"--{option[1]}"), text)

@@ -7,10 +7,11 @@ The kinds of rows:
 
 - ``option``: of the command line, without dashes; ``of`` is the command that lost it, if others
   keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
-- ``key``: of files only, or with another replacement than its option; ``of`` is its table. -
-``value``: of the option or key ``of``, and of the argument of that name in Python. - ``rule``: a
-metric in the rules of compare, or ``found:`` and a finding. - ``command``: of ``defocus``. -
-``python``: a name of `defocus_core`; or, if ``of`` is a class, an option, attribute or argument.
+- ``key``: of files only, or with another replacement than its option; ``of`` is its table.
+- ``value``: of the option or key ``of``, and of the argument of that name in Python.
+- ``rule``: a metric in the rules of compare, or ``found:`` and a finding.
+- ``command``: of ``defocus``.
+- ``python``: a name of `defocus_core`; or, if ``of`` is a class, an option, attribute or argument.
 
 A row stays for two versions, which ``tests/core/test_gone.py`` checks.
 """

@@ -44,10 +44,11 @@ FEWEST, EACH, _WIDER = 64, 2, 0.25
 
 
 def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Counts [3] of pixels that are averages on narrow edges, pixels on wide edges, and hard steps.
+    """Counts [3] of averages on narrow edges, of pixels on wide edges, and of hard steps.
 
-    Edges along both axes are counted. `band`: [h, W] px, the counted rows and up to three rows of
-    the frame above and below; `rows`: (first, end) of the counted rows in the band.
+    An average is a pixel of an edge with the mean depth of both surfaces. Edges along both axes
+    count. `band`: [h, W] px, the counted rows and up to three rows of the frame above and below;
+    `rows`: (first, end) of the counted rows in the band.
     """
     radii = _runs(band, rows, slice(0, 2 * _BESIDE + 1, 2 * _BESIDE), 2 * _BESIDE + 1)
     before, step, after = _runs(band, rows, slice(1, 3), 4).diff(dim=1).abs().unbind(1)
@@ -74,7 +75,10 @@ def _runs(band: Tensor, rows: tuple[int, int], ends: slice, width: int) -> Tenso
 
 
 def are_averaged(counts: list[float]) -> bool:
-    """Whether most edges of a frame are averages, given the sums of `averages` over it [3]."""
+    """Whether most edges of a frame show pixels with the mean depth of both surfaces.
+
+    `counts`: sums [3] of `averages` over the frame.
+    """
     average, wide, hard = counts
     return average > max(_WIDER * wide, FEWEST, EACH * hard)
 
@@ -126,9 +130,9 @@ class DepthRepair(NamedTuple):
 
     Attributes:
         noise: Standard deviation in px of noise, which is smoothed; None for no noise.
-        antialiased: Whether edges are averages of both surfaces.
-        soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
-            or averages; None where most are hard.
+        antialiased: Whether most edges show pixels with the mean depth of both surfaces.
+        soft_edges: Least slope in px per px of ramps that become steps, if most edges are soft or
+            antialiased; None if most are hard.
         ramps: Whether steep ramps between surfaces become steps.
         edge_shifts: The displacements of edges from those of the colours, which are undone; None if
             edges stay where they are.
@@ -136,10 +140,10 @@ class DepthRepair(NamedTuple):
         edge_width: Median width of soft edges in px, from one surface to the other, or the given
             width; None if edges are not soft.
         fraction: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
-        ramps_of: The scale of distance, if radii of ramps are linear in distance; None if they are
-            linear in disparity.
+        ramps_of: The scale of distance, if ramps are linear in distance; None if they are linear in
+            disparity.
         wide_edges: As `soft_edges`, but in the picture reduced to a common size, the size at which
-            a network drew its edges; None where most of these are hard.
+            a network drew its edges; None if most of these are hard.
     """
 
     noise: float | None = None
@@ -271,9 +275,10 @@ def _repair(
 def _soft_edges(
     signed_radius: Tensor, steep: float, scale: DistanceScale | None
 ) -> tuple[int, float, DistanceScale | None]:
-    """The number of pixels on soft edges, their median width in px, and the scale of their ramps.
+    """The number of pixels on soft edges, their median width in px, and the scale of distance.
 
-    Edges that are hard in radius may be soft in distance.
+    Soft edges are steeper than `steep` px per px. Those that are hard in radius may be soft in
+    distance: only then is the scale not None.
     """
     soft, hard, width = _edge_counts(signed_radius, steep)
     if scale is not None and hard:

@@ -1,15 +1,16 @@
 """Displacements of depth edges from those of the colours, and their correction.
 
 Estimated depth has edges that lie some px outside or inside those of the subject: beside a sharp
-subject a strip of the background would stay sharp, or the subject's own rim would be blurred. Some
-px within each of both surfaces their colours are sampled, as normal distributions along the
-silhouette. The cost of a displacement is the number of pixels across the silhouette that it would
-leave on the wrong side. The costs of each displacement are averaged along the silhouette before the
-least is chosen, so that the result is smooth (as in stereo, Hosni et al. 2013); the choice is soft,
-so that small changes of the costs change it little (Kendall et al. 2017). A displacement that is
-rare in the picture needs more evidence, and so does one that differs by more than a px from those
-of a longer part of the silhouette: where colours decide little, a pixel gets the displacement of
-its neighbours (one round of a mean field; Krähenbühl and Koltun 2011).
+subject a strip of the background would stay sharp, or the subject's own rim would be blurred. The
+colours of both surfaces are sampled some px away from the silhouette, which is the pixels on the
+nearer side of an edge, and are described by normal distributions along it. The cost of a
+displacement is the number of pixels across the silhouette that it would leave on the wrong side.
+The costs of each displacement are averaged along the silhouette before the least is chosen, so that
+the result is smooth (as in stereo, Hosni et al. 2013); the choice is soft, so that small changes of
+the costs change it little (Kendall et al. 2017). A displacement that is rare in the picture needs
+more evidence, and so does one that differs by more than a px from those of a longer part of the
+silhouette: where colours decide little, a pixel gets the displacement of its neighbours (one round
+of a mean field; Krähenbühl and Koltun 2011).
 
 How well colours decide is tested on pixels whose side is known, farther from the edge than those
 sampled: with similar textures on both sides the test fails, and the depth's own edge stays.
@@ -92,7 +93,7 @@ _BYTES_EACH = 1 << 13
 
 
 class ShiftEvidence(NamedTuple):
-    """The evidence of colours for the displacements of the n pixels of a silhouette."""
+    """Evidence from colours for the displacement of the depth edge at n silhouette pixels."""
 
     costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
     fraction: Tensor  # [n, 1] share of the profiles around that show both surfaces
@@ -218,7 +219,10 @@ def with_shifted_edges(
 
 
 def silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
-    """The silhouette in radii [H, W] px; None without edges."""
+    """The silhouette of the edges in radii [H, W] px; None without edges.
+
+    `step`, `scale`: as for `edges_of`.
+    """
     at = _edge_positions(radii, step, scale)
     return _silhouette_at(at, radii) if len(at) else None
 
@@ -288,7 +292,7 @@ def edge_evidence(
 
 
 def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
-    """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
+    """The displacement [n] in px of the edge at each silhouette pixel, smooth along the edge."""
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device, dtype=torch.float64)
     costs = found.costs * shifts.trust + sent(shifts.rarity, found.costs)
     likely = (costs / -SPREAD).softmax(1)
@@ -312,7 +316,10 @@ def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
 
 
 def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
-    """Values [n, K], `rounds` times averaged over the silhouette pixels `beside` each, [n, ...]."""
+    """Values [n, K] averaged `rounds` times over neighbouring silhouette pixels.
+
+    `beside`: their indices, from `_silhouette_neighbours`.
+    """
     n = len(values)
     values = torch.cat([values, values.new_zeros(1, values.shape[1])]).float()
     beside = torch.cat([beside, beside.new_full((1, beside.shape[1]), n)])
@@ -448,9 +455,9 @@ class _Profiles(NamedTuple):
         return near, far
 
     def sides(self) -> Iterator[tuple[Tensor, Tensor]]:
-        """Two masks [n, 2 * REACH + 1] of each surface: its sampled pixels, and those beyond them.
+        """Yield two masks [n, 2 * REACH + 1] for each surface, the nearer one first.
 
-        The nearer surface comes first.
+        They mark the sampled pixels of the surface, and its pixels beyond these.
         """
         for side, depth, count in zip(
             (-1, 1), self.depths(), (self.inwards, self.outwards), strict=True

@@ -107,8 +107,7 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
 def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
     """Radii and colours at half the resolution.
 
-    Of 2×2 px they are the second least radius, neither the least nor the greatest, and the mean
-    colour.
+    A pixel gets the second least radius and the mean colour of 2×2 px.
     """
     H, W = signed_radius.shape
     radii, colors = (

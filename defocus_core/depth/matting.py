@@ -1,11 +1,10 @@
 """Matting: the two surfaces of a pixel on a depth edge, and the coverage of the nearer one.
 
-A pixel on an edge shows a share α of the nearer surface and 1 - α of the farther one, C = α F + (1
-- α) B, whichever of the two its depth names. F and B are the colours of both surfaces beside the
-edge, each with a mean and a variance (Bayesian matting, Chuang et al. 2001). The depth of the
-pixels around gives an expected coverage, which changes smoothly across the edge. The colour
-corrects it, the more, the more clearly it differs between the surfaces, and the less, the less it
-is a mixture of both.
+A pixel on an edge shows a share α of the nearer surface and 1 - α of the farther one,
+C = α F + (1 - α) B, whichever of the two its depth names. F and B are the colours of both surfaces
+beside the edge, each with a mean and a variance (Bayesian matting, Chuang et al. 2001). The depth
+of the pixels around gives an expected coverage, which changes smoothly across the edge. The colour
+corrects it where the surfaces differ clearly in colour and the pixel is a mixture of both.
 """
 
 from __future__ import annotations
@@ -62,9 +61,9 @@ _BYTES_EACH = 1 << 13
 class MixedPixels(NamedTuple):
     """Pixels that show parts of two surfaces, split into these.
 
-    If the pixel's depth is that of the nearer surface, this covers a part of the pixel, and the
-    farther one shows through the rest. If it is that of the farther surface, this is whole, and a
-    part of the nearer surface lies before it.
+    If the pixel's depth is that of the nearer surface, the nearer surface covers a part of the
+    pixel, and the farther one shows through the rest. If it is that of the farther surface, the
+    farther surface covers all of the pixel, and a part of the nearer one lies in front.
     """
 
     # [n, 2] rows and columns; in a batch, rows go on counting from one picture to the next
@@ -80,9 +79,9 @@ class MixedPixels(NamedTuple):
 
     @property
     def nearer(self) -> Tensor:
-        """[C + 2, n]: colour, coverage and radius in px of the nearer surface before the own one.
+        """[C + 2, n]: colour, coverage and radius in px of a nearer surface in front.
 
-        The coverage is 0 where there is none.
+        The coverage is 0 where the depth itself is that of the nearer surface.
         """
         return self.values[(len(self.values) - 1) // 2 :]
 
@@ -132,8 +131,8 @@ class _Squares(NamedTuple):
     def weights(self, limit: float) -> Tensor:
         """Weights [k, n] of the pixels by closeness to the middle.
 
-        Pixels of a third surface on the own side of the edge have 0, and pixels brighter than
-        `limit` almost 0.
+        Pixels of a third surface, on the same side of the edge as the middle, have weight 0, and
+        pixels brighter than `limit` almost 0.
         """
         alike = (self.radii - self.radii[self.middle]).detach().abs() <= EDGE
         own = self.is_near == self.is_near[self.middle]
@@ -345,7 +344,7 @@ def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
 
 
 def _side_of(squares: _Squares, weight: Tensor) -> _Side:
-    """Means and variance over the pixels of squares, weighted by `weight` [k, n]."""
+    """The mean colour, its variance and the mean radius of squares, weighted by `weight` [k, n]."""
     total = weight.sum(0)
     fraction = weight / torch.where(total > 0, total, 1.0)
     mean = (squares.colors * fraction).sum(1)
@@ -404,14 +403,14 @@ def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Ten
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
-    """The colours [C, n] left of mixed pixels [C, n] without a `fraction` [n] of `color`."""
+    """Mixed colours [C, n] without a `fraction` [n] of `color`, scaled to full coverage."""
     return (mixed - fraction * color) / torch.where(fraction < 1, 1 - fraction, 1.0)
 
 
 def _clipped(side: _Side, other: Tensor, color: Tensor) -> Tensor:
     """Colours [C, n] clipped to two standard deviations around the mean of their surface.
 
-    `other` [C, n] widens the range: the interval always contains it.
+    The range is widened to contain `other` [C, n].
     """
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))

@@ -281,7 +281,7 @@ INFINITE = 2.0**-12
 
 
 class DistanceScale(NamedTuple):
-    """A linear scale of distance in px, which span the same range as the radii of a frame."""
+    """A conversion of radii to distances in px, which span the same range as the frame's radii."""
 
     infinity: float  # signed radius in px at infinity
     nearest: float  # px of radius between infinity and the nearest surface of the frame

@@ -140,7 +140,7 @@ def check_repair(depth_repair: str, edge_width: float | None) -> None:
 
 
 def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[float, float | None]]:
-    """Yield (least slope in px per px, greatest width in px) of each kind of ramp to make a step.
+    """Yield (least slope in px per px, greatest width in px) of each kind of ramp to replace.
 
     A width of None is unknown.
     """

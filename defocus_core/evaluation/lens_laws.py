@@ -185,7 +185,7 @@ def occlusion(setting: LawSetting) -> list[float]:
 
 
 def left_and_right(setting: LawSetting) -> list[float]:
-    """Left plus right minus twice the centre, for scenes with occlusion."""
+    """The differences of left plus right from twice the centre, relative to values within 4 px."""
     seen = (setting.views(scene)[:3] for scene in scenes())
     return [_worst_relative(left + right - 2 * centre, centre) for centre, left, right in seen]
 
@@ -234,7 +234,10 @@ def gradient(setting: LawSetting) -> list[float]:
 
 
 def devices(setting: LawSetting) -> list[float]:
-    """The differences between renderings on the CPU and on the GPU; empty without a GPU."""
+    """The differences between renderings on the CPU and on the GPU, relative to values within 4 px.
+
+    There are none without a GPU.
+    """
     off: list[float] = []
     for scene in scenes() if setting.device != "cpu" else []:
         there, here = (s.views(scene)[:3] for s in (setting, replace(setting, device="cpu")))

@@ -264,9 +264,10 @@ class Search:
         return point
 
     def _normal(self, point: Point, pictures: Scale, probes: Tensor) -> tuple[Tensor, Tensor]:
-        """The matrix [B, P, P] and gradient [B, P] of the least squares of each block of the frame.
+        """The matrix [B, P, P] and gradient [B, P] of the normal equations, for each block.
 
-        `probes` [P, P]: a step of the unknowns in each row, for finite differences.
+        The frame is cut into B blocks. `probes` [P, P]: a step of the unknowns in each row, for
+        finite differences.
         """
         away, weight = self._residual.differences(point, pictures)
         moved = [_moved(point, self._free, probe) for probe in probes]
@@ -334,7 +335,7 @@ def _scaled_probes(pictures: Scale) -> Tensor:
 
 
 def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
-    """The first steps of finite differences, a row [P] of [P, P] each, in the free unknowns.
+    """First steps of the free unknowns for finite differences: [P, P], a step in each row.
 
     Both radii change together: the first row scales them; the second is orthogonal to it and widens
     their range. Steps along both hardly depend on each other, whether the focus is within the range

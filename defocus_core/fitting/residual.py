@@ -36,7 +36,7 @@ _ABOUT = 60  # expected number of renderings of a fit
 
 
 class Point(NamedTuple):
-    """A value for each unknown of the fit."""
+    """Values of the unknowns of a fit: radii, registration, and separation of left and right."""
 
     far: float  # signed radius at the least disparity, in px of the sharp picture
     near: float  # signed radius at the greatest disparity, likewise

@@ -1,8 +1,8 @@
 """Reading and writing of pictures, depth and maps as NumPy arrays, for Python programs.
 
-Colour is scene-linear and premultiplied by alpha. Depth is planar, in metres. Declarations
-of a file are returned with its numbers; options complete them. `torch.from_numpy` makes tensors.
-Errors name the options of the command line: ‹depth-format› is ``format`` here.
+Colour is scene-linear and premultiplied by alpha. Depth is planar, in metres. What a file declares
+is returned with its numbers; options supply what it does not declare. `torch.from_numpy` makes
+tensors. Errors name the options of the command line: ‹depth-format› is ``format`` here.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ HOLES = ("keep", "error", "far", "fill")
 
 @contextmanager
 def as_file(source: str | PathLike[str] | bytes) -> Iterator[Path]:
-    """The path of a file, or of a temporary copy of its bytes that lasts for the block."""
+    """Yield the path of a file, or of a temporary copy of its bytes that lasts for the block."""
     if not isinstance(source, bytes):
         yield Path(source)
         return

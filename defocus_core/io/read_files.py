@@ -122,7 +122,7 @@ def require_utf_8(path: Path | str) -> None:
 
 @once
 def read_head(path: Path, count: int = 16) -> bytes:
-    """First ``count`` bytes of an existing, readable, non-empty file."""
+    """The first ``count`` bytes of a file; an InputError if it is missing, unreadable or empty."""
     require_utf_8(path)
     try:
         if path.is_dir():

@@ -56,7 +56,10 @@ def matching(
 
 
 def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
-    """Yield each file below a folder that matches the parts of a pattern, and its pieces."""
+    """Yield each file below a folder that matches the parts of a pattern, with its pieces.
+
+    There is a `_Piece` for each part with wildcards.
+    """
     part, rest = parts[0], parts[1:]
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
     if not os.access(folder, needed):
@@ -75,9 +78,10 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
 
 
 def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
-    """Yield the entries of a folder that match one part of a pattern: path, pieces, is a folder.
+    """Yield (path, pieces, whether it is a folder) of the entries that match one part of a pattern.
 
-    `last`: whether it is the last part; pieces then leave out the suffix.
+    There is one `_Piece` if the part has wildcards. If it is the `last` part, pieces leave out the
+    suffix.
     """
     if os.path.lexists(folder / part):  # brackets may belong to the name of an existing file
         yield folder / part, [], (folder / part).is_dir()

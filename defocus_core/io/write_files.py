@@ -47,8 +47,7 @@ def path_fault(name: object) -> str | None:
 class Folder:
     """A folder, and the files below it by their names relative to it, with slashes.
 
-    All methods raise OSError: ELOOP where a link is in the way, EINVAL for a name with a
-    `path_fault`.
+    All methods raise OSError: ELOOP if a link is in the way, EINVAL for a name with a `path_fault`.
     """
 
     root: Path

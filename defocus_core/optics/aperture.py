@@ -232,7 +232,7 @@ class Aperture:
         return light if view is None else light * view.left_open(areas, x, y, self.narrowing)
 
     def _of_outline(self, weigh: Any, part: Part) -> Scalar:
-        """`weigh`, which is `area_of` or `weight_of`, of a part.
+        """The area or the weight of a part: `weigh` is `area_of` or `weight_of`.
 
         It is cached unless gradients flow to the pupil.
         """
@@ -241,10 +241,11 @@ class Aperture:
         return weight
 
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
-        """The factor [..., n - 1, n - 1] of spherical aberration on light, at the middle of pixels.
+        """The factor by which spherical aberration multiplies light, at the middle of each pixel.
 
-        u [..., n] are the corners of pixels as lens points, r [...] signed radii. A ray at height h
-        ends at r (h + k h³); to first order the light changes with the square of h.
+        It is [..., n - 1, n - 1] for pixels with corners at lens points u [..., n]; r [...] are
+        signed radii. A ray at height h ends at r (h + k h³); to first order the light changes with
+        the square of h.
         """
         x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
@@ -358,5 +359,5 @@ def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
 
 
 def _is(value: Scalar, number: float) -> bool:
-    """Whether a value is a plain number equal to `number`; False for tensors, which are learnt."""
+    """Whether a value is a plain number, not a tensor, and equal to `number`."""
     return not isinstance(value, Tensor) and value == number

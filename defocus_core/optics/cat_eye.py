@@ -115,7 +115,7 @@ class _OffsetDisc(Outline):
     y: Scalar
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G(x, y) of this disc, scaled from that of the unit disc."""
+        """The area of this disc left of x and above y, scaled from that of the unit disc."""
         left, top = (
             middle[..., None, None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)

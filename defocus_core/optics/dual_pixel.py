@@ -36,7 +36,7 @@ class DualPixel:
             kernels by `sensitivities`; they replace the model.
 
     Raises:
-        ValueError: If an attribute is not one of the above.
+        ValueError: If the model is unknown, or another attribute is not as described.
     """
 
     model: str = "split"

@@ -55,9 +55,10 @@ class Disc(Outline):
     """The unit disc."""
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The integral over x' <= x of clip(y, -h, h) with h = sqrt(1 - x'²).
+        """The area left of x and above y, without terms of x alone or y alone.
 
-        The integrand follows the rim for |x'| beyond a = sqrt(1 - y²), and is constant between.
+        It is the integral over x' <= x of clip(y, -h, h) with h = sqrt(1 - x'²). The integrand
+        follows the rim for |x'| beyond a = sqrt(1 - y²), and is constant between.
         """
         a = _half_chord(y)
         rim, rim_at_a = _half_disc_area(x), _half_disc_area(a)
@@ -74,10 +75,10 @@ class Polygon(Outline):
     rotation: float
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """Green's theorem: the sum over edges of the integral of min(y, edge height) up to x.
+        """The area left of x and above y by Green's theorem.
 
-        The integral is added for edges that bound the polygon at large y, and subtracted for the
-        others.
+        It is the sum over edges of the integral of min(y, edge height) up to x, which is added for
+        edges that bound the polygon at large y, and subtracted for the others.
         """
         total, width = torch.zeros_like(x), torch.zeros_like(x)  # width multiplies y
         for sign, left, right, height, slope in self._edges:
@@ -113,7 +114,7 @@ class Obstructed(Outline):
     ratio: Scalar  # radius of the opaque disc in radii of the lens, within [0, 1)
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of the outline minus G of the opaque disc."""
+        """The area left of x and above y: that of the outline minus that of the opaque disc."""
         ratio = self.ratio if self.ratio > _MIN_RATIO else 1.0  # times 0, with gradient 0
         inner = Disc().cumulative_area((x / ratio).clamp(-1, 1), (y / ratio).clamp(-1, 1))
         return self.outline.cumulative_area(x, y) - self.ratio**2 * inner
@@ -128,7 +129,7 @@ class Squeezed(Outline):
     down: Scalar  # how many times it is narrower along y, 1 or more
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of the unsqueezed outline, at x and y times their factors, divided by both factors."""
+        """The area left of x and above y, from that of the outline before it is squeezed."""
         wide, high = (x * self.across).clamp(-1, 1), (y * self.down).clamp(-1, 1)
         return self.outline.cumulative_area(wide, high) / (self.across * self.down)
 
@@ -156,7 +157,7 @@ class CurvedPolygon(Outline):
     curvature: Scalar  # 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G of the area within the arcs; nearly straight arcs are interpolated from straight edges.
+        """The area left of x and above y; for nearly straight arcs it is interpolated.
 
         Areas beside arcs of very large circles lose digits, and are linear in curvature there.
         """
@@ -168,10 +169,10 @@ class CurvedPolygon(Outline):
         return torch.lerp(straight, bulging, curvature / _STRAIGHT)
 
     def _within_arcs(self, x: Tensor, y: Tensor, radius: Tensor) -> Tensor:
-        """The sum over arcs of the integral of min(y, height of the arc) up to x.
+        """The area left of x and above y that arcs of a radius, in lens radii, enclose.
 
-        It is added for arcs that bound the area at large y and subtracted for the others, as in
-        `Polygon`; `radius` is that of the arcs, in lens radii.
+        It is the sum over arcs of the integral of min(y, height of the arc) up to x, which is added
+        for arcs that bound the area at large y, and subtracted for the others.
         """
         apothem, half = math.cos(math.pi / self.sides), math.sin(math.pi / self.sides)
         # from the middle of the pupil to the centre of an arc's circle; 0 or negative
@@ -220,7 +221,10 @@ def _upright(start: float, end: float) -> list[float]:
 
 
 def _up_to_arc(t: Tensor, height: Tensor, radius: Tensor) -> Tensor:
-    """The integral of min(height, sqrt(radius² - t²)) up to t, less terms of the height alone."""
+    """The integral of min(height, sqrt(radius² - t²)) up to t.
+
+    Terms that depend on the height alone are left out.
+    """
     chord = torch.where(height > 0, _half_chord(height, radius), radius)
     area, low, high = (_area(s, radius) for s in (t, -chord, chord))
     level = height * torch.where(t.abs() < chord, t, torch.where(t > 0, chord, -chord))
@@ -324,9 +328,9 @@ class PupilImage(Outline):
         return self._radius
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The sum of the picture left of x and above y, bilinear between corners of pixels.
+        """The area left of x and above y, in lens radii squared, weighted by transmission.
 
-        The unit is the lens radius squared.
+        It is a sum of pixels, bilinear between their corners.
         """
         sums = self._sums.to(x.device)
         (row, below), (column, beside) = (

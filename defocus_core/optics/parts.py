@@ -144,7 +144,7 @@ class Sensitivity:
     """
 
     def __init__(self, fraction: Tensor, kernel: PupilImage, *, is_left: bool) -> None:
-        """Place a picture over the lens.
+        """Set the sensitivity over the lens.
 
         Args:
             fraction: The share of this photodiode in the light of both, [H, W] in [0, 1]; it covers

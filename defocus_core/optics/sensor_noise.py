@@ -31,7 +31,7 @@ def with_noise(
         Light of the same shape and dtype, on the CPU.
 
     Raises:
-        ValueError: If an argument is not one of the above.
+        ValueError: If an argument is out of its range or has another shape.
     """
     check_image(light, alone=True)
     positive("electrons", electrons, _UNITS)

@@ -59,8 +59,8 @@ def depth_of_field(foc_dist: Tensor, margin: Tensor, farthest: Tensor) -> tuple[
     Args:
         foc_dist: Focus distance s in mm.
         margin: c / (A v) in 1/mm: the acceptable CoC divided by the CoC of a disparity of 1 per mm.
-        farthest: The `far_point` in mm; for this focus and beyond, far is inf whatever rounding
-            leaves.
+        farthest: The `far_point` in mm; for a focus at or beyond it, far is inf, whatever the
+            rounding error.
     """
     disparity = 1 / foc_dist
     finite = (foc_dist < farthest) & (disparity > margin)
@@ -119,7 +119,7 @@ class ThinLens:
         device: torch.device | str | None = None,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        """Describe lens and sensor, focused at 20 m, or at infinity if foclen is 20 m or more.
+        """Create a lens with its sensor, focused at 20 m, or at infinity if foclen is 20 m or more.
 
         Args:
             foclen: Focal length in mm, > 0, or one of each picture [B].
@@ -384,7 +384,7 @@ class ThinLens:
         return far_point(self._parameter("foclen", c), self._parameter("fnum", c), c)
 
     def _limit(self, z: Tensor) -> Tensor:
-        """Distances clamped to d_close and d_far."""
+        """Distances z in mm, clamped to d_close and d_far."""
         none = "0 and -inf are no limits"
         close, far = (abs(number(name, getattr(self, name), none)) for name in ("d_close", "d_far"))
         if not (close < math.inf and close <= far and far > 0):

@@ -1,6 +1,6 @@
 """Depth maps decoded to planar metres, with sky at infinity.
 
-The meaning of the numbers of a file is a row of `table`, or given by the user.
+The meaning of a file's numbers is given by a row of `table` or by the user.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 
 @dataclass(frozen=True)
 class Depth:
-    """A decoded depth map."""
+    """A decoded depth map, and notes on how the file was read."""
 
     # float32 [H, W]: planar distance along the axis, +inf is sky; if `is_radius`, signed CoC radius
     # in px
@@ -334,7 +334,7 @@ _ENOUGH, _MAXIMUM = 12, 0.8
 
 
 def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
-    """The numbers, divided by alpha [H, W] if they were premultiplied by it, and a note."""
+    """The numbers, divided by alpha [H, W] if they were premultiplied by it, and a text on this."""
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):
@@ -344,7 +344,11 @@ def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
 
 
 def _is_multiplied(values: Any, alpha: Any) -> bool:
-    """Whether numbers at edges equal alpha times those of solid neighbours rather than these."""
+    """Whether numbers [H, W] were premultiplied by alpha [H, W].
+
+    They were if numbers at edges are mostly closer to alpha times a solid neighbour's number than
+    to that number itself.
+    """
     multiplied = plain = 0
     fraction, numbers = (np.asarray(each, np.float32) for each in (alpha, values))
     edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])

@@ -40,7 +40,8 @@ def exr_depth_numbers(
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file.
 
-    `size`: (width, height) in px of its colour, or None; `overscan`: of the colour.
+    `size`: (width, height) in px of its colour, or None; `overscan`: the pixels beyond the display
+    window to read.
     """
     headers = in_view(path, read_headers(path), reading.view)
     chosen = choose_depth_channel(path, headers, reading)

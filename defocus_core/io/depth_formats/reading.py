@@ -200,7 +200,7 @@ class DepthNumbers:
 
     @property
     def width(self) -> int:
-        """Its width in px."""
+        """The width in px."""
         return int(self.values.shape[1])
 
     @property

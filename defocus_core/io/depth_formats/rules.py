@@ -34,7 +34,7 @@ _CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65m
 
 
 class DepthRule(NamedTuple):
-    """A formula that turns numbers into depth."""
+    """A formula that turns numbers into depth, and the options that it uses."""
 
     holds: str  # what the numbers are: depth, disparity or radii
     options: tuple[str, ...]  # options that the rule uses, besides those that the row takes
@@ -153,10 +153,9 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
 
 
 def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]:
-    """The float that stands for the second end of a range: 1, or the maximum of the file.
+    """The upper end of the range of floats that `depth_range` describes, and a note in words.
 
-    The maximum stands for it in a network's disparity that exceeds 1. Returned with a note in
-    words.
+    It is 1, or the maximum of the file for a network's disparity that exceeds 1.
     """
     finite = samples.values[np.isfinite(samples.values)]
     minimum, maximum = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))

@@ -44,7 +44,10 @@ def _text(path: Path) -> str:
 
 
 def _calib(place: Path, _: DepthNumbers) -> Found:
-    """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
+    """The fields that Middlebury's calibration gives.
+
+    Its lines are ``cam0=[f 0 cx; 0 f cy; 0 0 1]`` and ``doffs=`` in px, ``baseline=`` in mm.
+    """
     lines = dict(line.split("=", 1) for line in _text(place).splitlines() if "=" in line)
     focal, baseline = float(lines["cam0"].strip(" []").split()[0]), float(lines["baseline"]) / 1000
     focal, baseline, doffs = _positive(focal), _positive(baseline), float(lines.get("doffs", 0))
@@ -52,13 +55,20 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
 
 
 def _scene_camera(place: Path, samples: DepthNumbers) -> Found:
-    """BOP: ``{"IMAGE": {"depth_scale": MM}}``, millimetres per unit by the number of the image."""
+    """The fields that BOP's cameras give: ``{"IMAGE": {"depth_scale": MM}}``.
+
+    IMAGE is the number of the image, MM the millimetres per unit.
+    """
     scale = _positive(float(json.loads(_text(place))[str(int(samples.path.stem))]["depth_scale"]))
     return {"words": f"{scale:g} mm by {place.name}", "scale": scale / 1000}
 
 
 def _heic(_: Path, samples: DepthNumbers) -> Found:
-    """HEIC: numbers are linear in 1/z from far to near (kind 0), in 1/m (1), or in z (2)."""
+    """The fields that the metadata of a HEIC photograph gives.
+
+    By ``representation_type``, numbers are linear in 1/z from far to near (0), in disparity in 1/m
+    (1), or in z (2).
+    """
     metadata = samples.metadata
     kind = int(metadata.get("representation_type", 1))
     if kind not in (0, 1, 2):
@@ -73,7 +83,11 @@ def _heic(_: Path, samples: DepthNumbers) -> Found:
 
 
 def _gdepth(_: Path, samples: DepthNumbers) -> Found:
-    """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
+    """The fields that the properties of GDepth give.
+
+    In the format RangeInverse, numbers are linear in 1/z, in RangeLinear in z; Near and Far are in
+    m or mm.
+    """
     metadata = samples.metadata
     unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))

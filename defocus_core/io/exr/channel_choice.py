@@ -120,7 +120,7 @@ def require_part(path: Path, part: int, count: int) -> None:
 
 
 def _searched(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
-    """The part of a given index; without one the flat parts, or all parts if none is flat."""
+    """The parts to search: that of index `part`, or else the flat parts, or all if none is flat."""
     # One option serves the colour and the depth file: it is ignored for a file of a single part.
     if part is not None and len(headers) > 1:
         require_part(path, part, len(headers))

@@ -1,7 +1,7 @@
 """Deep OpenEXR parts as a picture in focus, or as layers with one sample of each pixel.
 
-In the picture in focus, colours and alpha are composited by `over`; depth and the other channels
-are those of the nearest sample.
+In the picture in focus, which is without blur, colours and alpha are composited by `over`; depth
+and the other channels are those of the nearest sample.
 
 Samples at one depth of a pixel, which come from two pictures, are mixed by the light that each
 absorbs (P. Hillman, The Theory of OpenEXR Deep Samples; F. Kainz, Interpreting OpenEXR Deep Pixels,
@@ -95,7 +95,7 @@ _OPAQUE = 1e6  # absorption of alpha 1
 def mix_samples(samples: DeepSamples, light: tuple[str, ...], mixed: NDArray[Any]) -> DeepSamples:
     """The samples sorted by depth; samples of equal depth become one in the pixels `mixed`.
 
-    `light`: names of the channels that are mixed; `mixed`: numbers of pixels.
+    `light`: names of the channels that are mixed; `mixed`: flat indices of pixels in the window.
     """
     depth = np.nan_to_num(samples.values[DEPTH], nan=np.inf, posinf=np.inf)
     order = np.lexsort((depth, samples.pixel))

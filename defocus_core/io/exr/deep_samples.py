@@ -232,7 +232,7 @@ def ranks(pixel: NDArray[Any]) -> NDArray[np.int32]:
 
 
 def seen(samples: DeepSamples) -> DeepSamples:
-    """The samples without those that have neither alpha nor light."""
+    """The samples that have alpha or light."""
     alpha, values = samples.values[ALPHA], samples.values
     if alpha.all():
         return samples

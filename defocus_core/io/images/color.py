@@ -313,7 +313,7 @@ def _extras(
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """The channels outside the layer by name, and notes on parts that are left out.
 
-    Names are PART.NAME if they are those of another channel otherwise.
+    A channel is called PART.NAME if it is in another, named part, or if NAME alone is taken.
     """
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}

@@ -126,7 +126,7 @@ def srgb_matrix(
 
 
 def _dither(rows: slice, smooth: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """The dither [h, W, 1] of some rows, within ±0.5 of a step; 0 where not `smooth` [h, W]."""
+    """The dither [h, W, 1] of given rows, within ±0.5 of a step; 0 where not `smooth` [h, W]."""
     # spread evenly over any small square, by powers of the plastic number (Roberts 2018)
     y, x = np.arange(rows.start, rows.start + len(smooth))[:, None], np.arange(smooth.shape[1])
     offsets = ((0.5698402909980532 * y + 0.7548776662466927 * x) % 1 - 0.5) * _HALF_LEVEL * 2

@@ -1,8 +1,8 @@
 """Primaries of colour: what a file declares, and the matrices from one set to another.
 
 A set of primaries is eight numbers, x and y of red, green, blue and white; SMPTE RP 177-1993 says
-how to compute XYZ from them. Another white is adapted by the Bradford matrix (K. Lam, "Metamerism
-and Colour Constancy", 1985), as in ICC profiles.
+how to compute XYZ from them. A different white is adapted by the Bradford matrix (K. Lam,
+"Metamerism and Colour Constancy", 1985), as in ICC profiles.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def is_pattern(path: Path) -> bool:
 
 
 def _with_hashes(path: Path) -> Path:
-    """A frame pattern with every form of number but %d written as # characters."""
+    """A frame pattern with $F and @ replaced by as many # characters."""
 
     def hashes(found: re.Match[str]) -> str:
         return "#" * (int(found[1] or 1) if found[0][0] == "$" else len(found[0]))
@@ -132,7 +132,7 @@ def chosen(
 
 
 def expected(numbers: Iterable[int]) -> tuple[int, ...]:
-    """The frames of a regular numbering from the first to the last, and those given.
+    """The given frames, completed to a regular numbering from the first to the last.
 
     The step is the most common difference of consecutive frames.
     """
@@ -150,7 +150,7 @@ def expected(numbers: Iterable[int]) -> tuple[int, ...]:
 
 
 def gaps(numbers: Iterable[int]) -> tuple[int, ...]:
-    """The missing frames of a regular numbering."""
+    """The frames missing in a regular numbering; see `expected`."""
     there = set(numbers)
     return tuple(number for number in expected(there) if number not in there)
 
