@@ -246,7 +246,7 @@ def _evidence(signed_radius: Tensor, rows: tuple[int, int]) -> _BandEvidence:
 def _repair(
     signed_radius: Tensor, found: dict[str, list[float]], infinity: float | None
 ) -> DepthRepair:
-    """The repair of radii [H, W] px for which the evidence of all bands asks."""
+    """The repair of radii [H, W] px that the evidence `found` in all bands calls for."""
     minimum, maximum, softest, ramps = *found["limits"], *found["softest"], *found["ramps"]
     if not (math.isfinite(minimum) and math.isfinite(maximum)):
         return DepthRepair()  # a picture of such depth is refused

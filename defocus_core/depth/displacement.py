@@ -307,7 +307,10 @@ def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
 
 
 def _silhouette_neighbours(at: Tensor, radii: Tensor) -> Tensor:
-    """Indices [n, K] in `at` [n, 2] of the silhouette pixels within 5×5 px of each; n for none."""
+    """Indices [n, K] in `at` [n, 2] of the silhouette pixels within 5×5 px of each.
+
+    Where a pixel has fewer than K, the rest are n.
+    """
     n, (H, W) = len(at), radii.shape
     number = torch.full((H * W,), n, device=at.device)
     number[at[:, 0] * W + at[:, 1]] = torch.arange(n, device=at.device)
@@ -508,8 +511,8 @@ def _of_profiles(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """`costs`, `fraction` and `told` of `ShiftEvidence` for each profile, before any averaging.
 
-    `moments`: from `_color_moments`; `alone`: whether they are of single profiles; `rims`: as for
-    `edge_evidence`.
+    `moments`: from `_color_moments`; `alone`: whether these are of single profiles, not averaged
+    along the silhouette; `rims`: as for `edge_evidence`.
     """
     nearer = _nearer(profiles, moments, pixels, alone=alone, rims=rims)
     inside, outside = (beyond for _, beyond in profiles.sides())

@@ -374,7 +374,7 @@ def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tens
 
 
 def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tensor:
-    """Coverages [n] of pixels by their own surface, those near 1 set to 1."""
+    """Coverages [n] of pixels by the surfaces that their depth names, those near 1 set to 1."""
     apart = (own.mean - other.mean).square()
     limit = WITHIN / (apart / own.variance).sum(0).clamp(min=(WITHIN / WHOLE) ** 2).sqrt()
     limit = torch.where(is_near & (own.signed_radius.detach().abs() <= SHARP), 1.0, limit)
@@ -386,8 +386,9 @@ def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tenso
 def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Tensor, Tensor]:
     """The colours [C, n] of the own and the other surface of mixed pixels.
 
-    `alpha` [n] is the coverage of the own surface. What the mean colours of both leave unexplained
-    is given to the own surface as far as its variance allows, then to the other.
+    The own surface is the one that depth names, with the coverage `alpha` [n]. The part of a
+    pixel's colour that the mean colours do not explain is given first to the own surface, within
+    its variance, then to the other.
     """
     weights = alpha * own.variance, (1 - alpha) * other.variance
     residual = (color - alpha * own.mean - (1 - alpha) * other.mean) / (

@@ -104,7 +104,10 @@ def _with_edges_of_colors(
     decided: DepthRepair | None,
     reach: float,
 ) -> tuple[Tensor, EdgeShifts | None]:
-    """Radii [H, W] px with edges moved to those of the colours, and the displacements found."""
+    """Radii [H, W] px with edges moved to those of the colours, and the displacements found.
+
+    These are None if no edge is moved.
+    """
     scale, soft, shifts = repair.ramps_of, repair.least_slope, repair.edge_shifts
     measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
     if decided is None and soft is None:
@@ -126,7 +129,7 @@ def _with_edges_of_colors(
 
 
 def check_repair(depth_repair: str, edge_width: float | None) -> None:
-    """Check the options that describe a depth map; see `render`."""
+    """Raise ValueError for options of `render` that are out of range or contradict each other."""
     one_of("depth_repair", depth_repair, DEPTH_REPAIRS)
     if edge_width is None:
         return

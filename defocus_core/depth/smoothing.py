@@ -51,8 +51,9 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     """Histogram [_INTERVALS + 3] of how far radii scatter in rows of a frame.
 
     The first count is of pixels that differ from a neighbour by more than a step between surfaces.
-    The other pixels are counted by their distance from the mean of both neighbours along an axis; a
-    pixel with a radius between those of both neighbours, as on slopes and terraces, counts as 0.
+    The other pixels are counted by their distance from the mean of both neighbours along an axis;
+    this is taken as 0 for a pixel with a radius between those of both neighbours, as on slopes and
+    terraces.
 
     `steps`: differences in px from each pixel of a band [h, W] to the next, down and across;
     `rows`: (first, end) of the counted rows in the band, which also has the rows of the frame next

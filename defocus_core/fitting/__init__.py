@@ -1,1 +1,4 @@
-"""The lens that explains a pair of pictures: radii r = k (d₀ - d), affine in disparity d."""
+"""The lens that explains a pair of pictures: radii k (d₀ - d), with strength k and focus d₀.
+
+Radii are affine in disparity d.
+"""

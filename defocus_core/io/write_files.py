@@ -53,7 +53,7 @@ class Folder:
     root: Path
 
     def path(self, name: str, *, make: bool = False) -> Path:
-        """The path of a regular file or of a missing file; `make`: whether its folders are made."""
+        """The path of a name that is a regular file or missing; `make`: whether to make folders."""
         place = self._place(name, make=make)
         with suppress(FileNotFoundError):
             require_regular(place.lstat())
@@ -223,7 +223,7 @@ def _leftover(path: Path) -> str:
 
 
 def left_in(folder: Path) -> Iterator[str]:
-    """Yield the names of siblings in a folder that ended processes of this machine left."""
+    """Yield the names of siblings in a folder that were left by ended processes of this machine."""
     with suppress(OSError):
         for name in Folder(folder).names():
             process = LEFTOVER.fullmatch(name)

@@ -32,9 +32,10 @@ class Outline(ABC):
 
     @abstractmethod
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """The area G(x, y) left of x [..., 1, n] and above y [..., m, 1]: [..., m, n].
+        """The area left of x [..., 1, n] and above y [..., m, 1], G(x, y).
 
-        Terms of x alone or of y alone may be missing: they cancel in the differences of `areas`.
+        Returns [..., m, n]. Terms of x alone or of y alone may be missing: they cancel in the
+        differences of `areas`.
         """
 
     def areas(self, x: Tensor, y: Tensor) -> Tensor:

@@ -334,7 +334,10 @@ _ENOUGH, _MAXIMUM = 12, 0.8
 
 
 def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
-    """The numbers, divided by alpha [H, W] if they were premultiplied by it, and a text on this."""
+    """The numbers, divided by alpha [H, W] if they were premultiplied by it, and a note.
+
+    The note is in words, empty if they were not divided.
+    """
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):

@@ -224,7 +224,7 @@ def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 @contextmanager
 def _unpack(data: bytes) -> Iterator[Path]:
-    """The path of a temporary file with the bytes of an image, as OpenImageIO reads only files."""
+    """Yield the path of a temporary file with an image's bytes, as OpenImageIO reads only files."""
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:
         file.write(data)

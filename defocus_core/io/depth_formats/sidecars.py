@@ -127,7 +127,10 @@ def _found(places: tuple[str, ...], path: Path) -> Path | None:
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
-    """The sidecar of a depth file; the file itself if its metadata serve; None if there is none."""
+    """The file that holds the data of a depth file's sidecar; None if there is none.
+
+    This may be the depth file itself, if its metadata take the place of a sidecar.
+    """
     _, places = _SIDECARS[row.sidecar]
     return _found(places, path) if places else path
 

@@ -230,8 +230,8 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
     """The headers, restricted to the channels of one view and those of no view.
 
-    Plain names of the channels lack the view. `view`: the name of the view; None for the default
-    one.
+    `view`: the name of the view; None for the default one. It is removed from the `plain` names of
+    the channels.
     """
     views = views_of(headers)
     if not views or (view is None and len(views) == 1):

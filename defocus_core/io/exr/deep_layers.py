@@ -37,9 +37,10 @@ from defocus_core.io.exr.windows import Overscan
 def flat_channels(
     path: Path, header: Header, names: Mapping[str, str], overscan: Overscan
 ) -> dict[str, Any]:
-    """The channels [H, W] of the picture in focus by name, in the frame.
+    """The channels [H, W] of the picture in focus by name.
 
-    `names`: the type of each wanted channel by name.
+    The arrays cover the display window with `overscan`. `names`: the type of each wanted channel by
+    name.
     """
     frame, samples = header.display.grown(overscan), seen(read_deep_samples(path, header))
     share, window, planes = _fractions(samples), samples.window, {}
@@ -60,8 +61,9 @@ def deep_layers(
 ) -> tuple[list[dict[str, Any]], int]:
     """The samples of a deep part as layers, nearest first, as many as its fullest pixel needs.
 
-    Returns for each layer the arrays [H, W] of the frame by channel, and the number of pixels whose
-    samples were merged as they had more than `MAX_LAYERS`.
+    Returns for each layer the arrays [H, W] by channel, which cover the display window with
+    `overscan`; and the number of pixels whose samples were merged as they had more than
+    `MAX_LAYERS`.
     """
     frame, layers = header.display.grown(overscan), list[dict[str, Any]]()
     samples, crowded = merge_samples(seen(read_deep_samples(path, header)), (*names, ALPHA))

@@ -172,7 +172,7 @@ def _heic_page(path: Path) -> Raster:
 
 @contextmanager
 def _open(path: Path, formats: str) -> Iterator[Any]:
-    """The open `ImageInput` of a file; errors propose ``formats``."""
+    """Yield the open `ImageInput` of a file; errors propose ``formats``."""
     head = read_head(path)
     if path.suffix.lower() == ".exr":
         raise no_exr(path)
