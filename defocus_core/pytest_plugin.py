@@ -46,7 +46,7 @@ def _shared(config: pytest.Config) -> Path:
 
 @dataclass(frozen=True)
 class Golden:
-    """The goldens of a test."""
+    """The goldens of a test, which are its accepted pictures."""
 
     folder: Path  # of the goldens of the test file
     update: bool  # whether pictures that fail are accepted

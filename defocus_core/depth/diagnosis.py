@@ -106,7 +106,7 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
 _HALF_EDGE, _BESIDE_EDGE = 14, 16
 # Intervals per px in the histogram of the widths of soft edges.
 _PER_PX = 10
-# Slope of an edge of averages, as a share of that of a soft edge.
+# Least slope of antialiased edges, as a share of that of soft edges.
 _AVERAGED = 0.4
 # Number of hard edges for each pixel on a ramp above which ramps are taken for surfaces.
 RARE = 16
@@ -224,7 +224,7 @@ def _with_wide_edges(
 
 
 def _evidence(signed_radius: Tensor, rows: tuple[int, int]) -> _BandEvidence:
-    """The evidence in the rows (first, end) of radii [H, W] px."""
+    """Evidence for a repair from the rows (first, end) of radii [H, W] px."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
     above = min(rows[0], _AROUND)
     around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
@@ -249,7 +249,7 @@ def _repair(
     """The repair of radii [H, W] px that the evidence `found` in all bands calls for."""
     minimum, maximum, softest, ramps = *found["limits"], *found["softest"], *found["ramps"]
     if not (math.isfinite(minimum) and math.isfinite(maximum)):
-        return DepthRepair()  # a picture of such depth is refused
+        return DepthRepair()  # such depth is refused elsewhere
     slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
     soft, width, scale = 0, 0.0, None
     if softest > slope:

@@ -140,7 +140,7 @@ def measured_shifts(
         return edge_evidence(silhouette, radii, colors, threads, along=False, rims=rims)
 
     evidence = examined(min(_EXAMINED / len(edges), 1.0))
-    if 2 * len(evidence.costs) < min(_EXAMINED, len(edges)):  # most are alike
+    if 2 * len(evidence.costs) < min(_EXAMINED, len(edges)):  # alike pixels have one hash
         evidence = examined(1.0)
     shifts, agreed = shifts_of(evidence, step)
     is_shifted = soft is not None or (abs(shifts.median) >= _BIASED and agreed >= _AGREED)
@@ -333,9 +333,9 @@ def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
 
 
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """The pixels that shifts may move, each with its closest pixel of the silhouette.
+    """The pixels near a silhouette that shifts may move, each with its closest silhouette pixel.
 
-    Of two equally close pixels of the silhouette, the first one counts.
+    Of two equally close silhouette pixels, the first one counts.
 
     `at`: [n, 2] rows and columns of the silhouette; `shift`: [n] px; `size`: (height, width) of the
     frame. Returns [m] flat indices of pixels, [m] indices in `at`, [m] distances in px.

@@ -262,10 +262,7 @@ def _squares_on(
 
 
 def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
-    """Squares that hold a matte's silhouette, with surfaces and coverage from the matte [k, n].
-
-    Other squares are unchanged.
-    """
+    """The squares; those at a matte's silhouette have surfaces and coverage of the matte [k, n]."""
     subject, radii = matte >= SUBJECT, squares.radii.detach()
     own, rest = ((radii * mask).sum(0) / mask.sum(0).clamp(min=1) for mask in (subject, ~subject))
     at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > STEP)

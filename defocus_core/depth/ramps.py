@@ -34,8 +34,8 @@ STEEP = off_round(1.5)
 # No surface spans all radii of a frame within this many px, or within this share of the frame's
 # shorter side; and the least slope of a soft edge, in px per px.
 WITHIN, WITHIN_FRACTION, MINIMUM = 60, 1 / 4, off_round(0.15)
-# Least step of a hard edge, as a multiple of the slope of soft edges; greatest slope beside it, as
-# a share of the step, below which smaller steps nearby are also ignored.
+# Least step of a hard edge, as a multiple of the slope of soft edges; share of a step below which
+# slopes beside it, and other steps within 8 px, count as level.
 HARD_STEP, LEVEL = off_round(2.0), off_round(0.25)
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
 _FOOT_PX, FOOT_FRACTION = 10, off_round(0.3)

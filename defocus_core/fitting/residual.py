@@ -3,8 +3,8 @@
 Differences are taken of light compressed by x / (x + m), so that no bright light outweighs the
 scene. Large differences have less weight (Huber); pixels that see clipped light, its blur (of
 unknown strength) or invented content have none. With an exposure, least squares find a gain for
-each channel, then a factor for each view that varies over the frame: the falloff of a wide aperture
-differs from that of a narrow one by more than the blur changes.
+each channel, then a factor for each view that varies over the frame, as the falloff of a wide
+aperture differs from that of a narrow one.
 """
 
 from __future__ import annotations

@@ -40,8 +40,8 @@ _MAGIC = {
     b"MATLAB 5.0 MAT-": _MATLAB_5,
 }
 NAMED = ("NPZ", "HDF5")  # types whose arrays have names
-# The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
-# Blanks, and comments as some programs write them, stand between the words.
+# After the scale comes a line break or one blank, as the first byte of the pixels may look like a
+# blank, too. Words are separated by blanks, and by comments that some programs write.
 _PFM_HEADER = re.compile(
     rb"(Pf|PF)W(\S+)W(\S+)W(\S+)(?:[ \t\r]*\n|\s)".replace(b"W", rb"\s(?:\s|#[^\n]*\n)*")
 )

@@ -103,7 +103,7 @@ def once(function: _OfFile) -> _OfFile:
     def known(path: Path, *of: Any) -> Any:
         try:
             it = path.stat()
-        except (OSError, ValueError):  # the function says what is wrong with it
+        except (OSError, ValueError):  # the function raises its own error
             return function(path, *of)
         stamp = it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode
         return found(stamp, path, *of)
@@ -128,7 +128,7 @@ def read_head(path: Path, count: int = 16) -> bytes:
         if path.is_dir():
             remedy = "name a file in it"
             raise InputError("wrong-type", "is a directory, not an image", remedy, path=path)
-        if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
+        if path.exists() and not path.is_file():  # opening a pipe would wait
             remedy = "copy what it holds to one"
             raise InputError("wrong-type", "is not a regular file", remedy, path=path)
         with open_plain(path) as file:
@@ -249,7 +249,7 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    for name in ("limits:imagesize_MB", "limits:channels"):  # all of memory, and 1024
+    for name in ("limits:imagesize_MB", "limits:channels"):  # by default the memory, 1024
         oiio.attribute(name, 0)
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
@@ -265,7 +265,7 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
         yield file
     finally:
         file.close()
-        oiio.geterror()  # or the next file would be blamed
+        oiio.geterror()  # clears the error, which the next file would report
 
 
 def decoded_rows(

@@ -221,7 +221,7 @@ class Aperture:
         """
         x, y = part.clamp(u, u)
         light = self.outline.areas(x, y)
-        # a grey pixel of a picture is not a border
+        # a grey pixel of a picture is not cut by a border
         areas = light if self.image is None else torch.full_like(light, torch.inf)
         if self.psf_type == "gaussian":
             light = light * gaussian(u)

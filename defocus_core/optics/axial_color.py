@@ -55,6 +55,6 @@ def channel_groups(
     together: dict[float, tuple[list[int], Scalar]] = {}
     for c, px in enumerate(offsets):
         value = number("color_offsets", px, "in px of radius")
-        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # a gradient for each
+        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # a group for each
         together.setdefault(key, ([], px))[0].append(c)
     return list(together.values())

@@ -116,7 +116,7 @@ class Obstructed(Outline):
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area left of x and above y: that of the outline minus that of the opaque disc."""
-        ratio = self.ratio if self.ratio > _MIN_RATIO else 1.0  # times 0, with gradient 0
+        ratio = self.ratio if self.ratio > _MIN_RATIO else 1.0  # its factor below is nearly 0
         inner = Disc().cumulative_area((x / ratio).clamp(-1, 1), (y / ratio).clamp(-1, 1))
         return self.outline.cumulative_area(x, y) - self.ratio**2 * inner
 

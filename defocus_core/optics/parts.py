@@ -20,7 +20,7 @@ from defocus_core.tensors.validation import Scalar, described
 # Cuts between sixteen parts, along both axes, for which the parts of a disc are about equally
 # large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
-# The least share of the pupil that is a part.
+# The least share of the pupil's area that makes a part.
 _MIN_PART = 1e-3
 # Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
 _WEIGHING_RADIUS = 256.0

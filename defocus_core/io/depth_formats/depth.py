@@ -115,7 +115,7 @@ class Depth:
         if self.is_radius:
             finite: NDArray[np.bool_] = np.isfinite(self.metres)
             return finite
-        positive: NDArray[np.bool_] = self.metres > 0  # asked this way round, NaN is invalid too
+        positive: NDArray[np.bool_] = self.metres > 0  # False for NaN
         return positive
 
     @property
@@ -192,7 +192,7 @@ def depth_of(
         )
     half_sky = samples.is_half and row.sky <= HALF_MAX and bool((values == HALF_MAX).any())
     metres = decoded(values, row, overscan)
-    if not (metres.flags.owndata and metres.flags.writeable):  # others may hold the numbers
+    if not (metres.flags.owndata and metres.flags.writeable):  # the caller may use the numbers
         metres = metres.copy()
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
     depth = Depth(

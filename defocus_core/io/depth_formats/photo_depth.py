@@ -121,7 +121,7 @@ def _decoded(path: Path, data: bytes, words: str) -> NDArray[Any]:
             values = read_samples(image)[:, :, 0]
             if image.suffix == ".jpg":
                 values = without_overshoot(values)
-    except (InputError, ValueError) as error:  # it would name the scratch file
+    except (InputError, ValueError) as error:  # names the temporary file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged {words} ({why})"
         raise InputError("damaged", problem, "copy the photograph again", path=path) from error

@@ -71,7 +71,7 @@ def resolved(
     sky = reading.sky
     if sky is None and RULES[row.rule].holds == "disparity":
         sky = -math.inf if row.scale >= 0 else math.inf
-    elif sky is None:  # from it on, towards the far end
+    elif sky is None:  # this number and those beyond it at the far end
         sky = min(row.sky, HALF_MAX) if samples.is_half else row.sky
         sky = -sky if row.scale < 0 else sky
     row = replace(row, sky=sky)
@@ -92,7 +92,7 @@ def _ruled(reading: DepthReading, row: DepthFormat) -> DepthFormat:
             _ask(reading, row, "depth-kind", "depth or disparity")
         if kind == "depth":
             return replace(row, rule="scale")
-        return replace(row, rule="inverse", needs=("depth-range",))  # a network's has no scale
+        return replace(row, rule="inverse", needs=("depth-range",))  # of a network, without scale
     holds = RULES[row.rule].holds
     if kind not in (None, holds):
         what = row.title if holds == "radii" else holds
@@ -292,7 +292,7 @@ def decoded(
     with np.errstate(over="ignore", divide="ignore"):  # a double beyond float32 is sky
         if is_disparity or (row.scale, row.shift) != (1, 0):
             scaled = numbers.astype(np.float64) * row.scale + row.shift
-            if is_disparity:  # a negative one, of no point before both cameras, is invalid
+            if is_disparity:  # a negative one, of no point in front of the cameras, is invalid
                 scaled = np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
             metres = scaled.astype(np.float32)
         else:
@@ -313,7 +313,7 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
     holds = RULES[row.rule].holds
     if holds == "radii":
         return np.zeros(numbers.shape, bool)
-    falls = (row.scale < 0) != (holds == "disparity")  # the farther, the less
+    falls = (row.scale < 0) != (holds == "disparity")  # numbers fall with distance
     with np.errstate(over="ignore"):
         values, end = numbers.astype(np.float32, copy=False), np.float32(row.sky)
     sky: NDArray[np.bool_] = values <= end if falls else values >= end

@@ -34,7 +34,7 @@ def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
     try:
         read, _ = _SIDECARS[row.sidecar]
         return replace(row, **read(place, samples))
-    except (OSError, *MALFORMED) as error:  # another content
+    except (OSError, *MALFORMED) as error:  # the file has other content
         problem = f"lacks what {samples.path.name} needs of it ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
 

@@ -152,12 +152,12 @@ def by_name(
 ) -> ChannelGroup:
     """The only group with the name ``wanted``; an InputError if there is not exactly one.
 
-    `kind` and `option` name in errors what is looked for, and the option that chooses it.
+    `kind` and `option` are texts for errors: what is looked for, and the option that chooses it.
     """
     exact = [c for c in groups if wanted in _names(c)]
     folded = wanted.casefold()
     matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
-    if not matches:  # a layer of one channel is as good as its channel
+    if not matches:  # the name of a layer with one channel stands for the channel
         members = [c for c in groups if c.name.rpartition(".")[0].casefold() == folded]
         matches = members if len(members) == 1 else []
     if not matches:

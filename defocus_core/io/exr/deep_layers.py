@@ -155,7 +155,7 @@ def _groups(samples: DeepSamples, near: NDArray[Any]) -> NDArray[np.intp]:
     Groups are separated at the widest steps between the samples of a pixel; `near`: [N] 1 / depth.
     """
     step = np.where(samples.rank > 0, np.roll(near, 1) - near, np.inf)
-    mixed = np.arange(len(step)) * 0.6180339887498949 % 1  # equal steps part evenly
+    mixed = np.arange(len(step)) * 0.6180339887498949 % 1  # spreads cuts at equal steps
     order = np.lexsort((mixed, -step, samples.pixel))
     place = np.empty(len(step), np.intp)
     place[order] = ranks(samples.pixel[order])

@@ -205,7 +205,7 @@ def read_deep_samples(path: Path, header: Header) -> DeepSamples:
     """All samples of a deep part, with the channels that its header lists."""
     with _open(path, header) as (file, part, chunks):
         pixel, own = _unsorted(file, part, chunks)
-    # Of a view, the names of layers are plain ones
+    # Alpha and depth of a view get their names without the view
     names = {c.name: c.plain if c.plain in _OF_LAYERS else c.name for c in header.channels}
     values = {
         names[c.name]: own.pop(c.name).astype("u4" if c.type == "uint" else "f4", copy=False)

@@ -73,7 +73,7 @@ class Header:
     display: Window
     deep: bool
     pixel_aspect: float = 1.0  # width of a pixel divided by its height
-    # The views whose channels are in one part, the default one first
+    # Names of the views whose channels are in this part, the default one first
     multi_view: tuple[str, ...] = ()
     shown: str = ""  # the view that the channels are restricted to; empty for all
     compression: str = "zip"  # the codec of its pixels, a value of the option `compression`
@@ -296,7 +296,7 @@ def channels_of(value: bytes) -> list[Channel]:
         if not 0 <= kind < len(DTYPES) or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
         name = value[at:end].decode()
-        if (xs, ys) != (1, 1):  # as of luminance and chroma
+        if (xs, ys) != (1, 1):  # as chroma has
             problem = f"has fewer samples than pixels in channel {name}"
             raise _Refused("subsampled", problem, "save it with all, colour as R, G and B")
         channels.append(Channel(name, [*DTYPES][kind], name))

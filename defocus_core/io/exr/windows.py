@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 
 class Overscan(NamedTuple):
-    """Pixels beyond each side of the display window, 0 or more."""
+    """The number of pixels beyond each side of the display window, 0 or more."""
 
     left: int = 0
     top: int = 0
@@ -17,7 +17,7 @@ class Overscan(NamedTuple):
         return "{} px left, {} top, {} right, {} bottom".format(*self)
 
     def smaller(self, other: Overscan) -> Overscan:
-        """The overscan that on each side has the smaller number of px of two overscans."""
+        """The minimum of two overscans on each side."""
         return Overscan(*map(min, self, other))
 
     def shown(self, height: int, width: int) -> tuple[slice, slice]:

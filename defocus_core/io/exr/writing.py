@@ -63,7 +63,7 @@ def write_exr(
         texts = (struct.pack("<i", len(view)) + view.encode() for view in layout.views)
         carried["multiView"] = Raw("stringvector", b"".join(texts))
     corners = np.array(whole[:2], np.int32), np.array(whole[2:], np.int32)
-    plain["dataWindow"] = corners  # by which chunks count their rows
+    plain["dataWindow"] = corners  # chunks number their rows from it
     encoded = _encoded({n: np.ascontiguousarray(a) for n, a in channels.items()}, plain, codec)
     encoded.seek(8)
     header = header_bytes(read_attributes(encoded) | carried | windows)

@@ -87,7 +87,7 @@ def write_image(
     depth, embedded = {"png": bits, "tiff": 16}.get(codec, 8), metadata.get(PROFILE)
     to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
     gamma = embedded.gamma if isinstance(embedded, Embedded) else None
-    if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
+    if is_grey := codec == "webp" and channels[0] == "Y":  # WEBP has no grey
         metadata, gamma = {n: x for n, x in metadata.items() if n != PROFILE}, None
     encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=codec != "jpeg")
     encode = partial(encode, to_srgb=to_srgb, gamma=gamma)
@@ -166,7 +166,7 @@ def display_encoded(
 
 def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
     """Write numbers [H, W] unchanged as a float32 TIFF, with the channel's name in a tag."""
-    # no predictor: not all read it
+    # without a predictor, which some readers lack
     named: dict[str, str | int] = {"tiff:predictor": 1, OWN_CHANNEL: f"{OWN}{channel}"}
     write_samples(path, plane[..., None].astype("float32"), "tiff", named)
 

@@ -109,7 +109,7 @@ def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
     Without a part, the only one that is no thumbnail or mask; several are an InputError. `pages`:
     headers, of type `Raster` or `Header`.
     """
-    if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
+    if len(pages) == 1:  # a part is ignored, as in EXR files
         return pages[0]
     if part is not None:
         require_part(path, part, len(pages))

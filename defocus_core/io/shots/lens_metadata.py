@@ -22,7 +22,7 @@ from defocus_core.io.read_files import read_head
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
 _NO_TARGET = 1e9  # V-Ray's target distance if there is no target
 _FILM_DIAGONAL = math.hypot(36, 24)  # mm; CIPA DCG-001 defines equivalent focal lengths by it
-_INFINITE = 4e9  # m, of Exif: 2³² − 1 is infinity, rounded to float
+_INFINITE = 4e9  # m; Exif writes infinity as 2³² − 1, which floats round
 
 
 class OptionFromMetadata(NamedTuple):
