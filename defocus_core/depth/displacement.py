@@ -264,7 +264,7 @@ def edge_evidence(
     along: bool = True,
     rims: bool = True,
 ) -> ShiftEvidence:
-    """The evidence of colours at the pixels of a silhouette.
+    """Evidence from colours for the displacement of the depth edge at the pixels of a silhouette.
 
     `along`: whether the evidence is averaged along the silhouette; `rims`: whether the nearer
     surface may have rims of other colours.

@@ -230,10 +230,10 @@ class Search:
         return kept
 
     def _descend(self, point: Point, pictures: Scale) -> Point:
-        """The point that Gauss-Newton steps from a point lead to.
+        """The point to which Gauss-Newton steps lead from a point.
 
-        Where a surface is nearly sharp, slopes change within the step of the finite differences,
-        which therefore is at most as long as the last step of the search.
+        The step of the finite differences is at most as long as the last step of the search, as
+        slopes change within a longer one where a surface is nearly sharp.
         """
         lengths = torch.ones(len(self._free), dtype=torch.float64)
         longest = (_LONGEST * _scaled_probes(pictures))[self._free]

@@ -203,7 +203,7 @@ def _text(file: BinaryIO) -> str:
 
 
 def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
-    """The version with flags of an open file, and the attributes of each part by name.
+    """The version field of an open file, which holds flags, too, and the attributes of each part.
 
     Afterwards the file stands at the first table of offsets.
     """

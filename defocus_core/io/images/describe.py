@@ -50,7 +50,7 @@ class FileInfo:
 
     @property
     def nearly_empty(self) -> str:
-        """A note in words if the file is too small to hold so many real numbers; else empty."""
+        """A note in words if the header claims more numbers than the file can hold; else empty."""
         size = self.path.stat().st_size
         if self.numbers <= max(MOST_NUMBERS, NUMBERS_OF_A_BYTE * size):
             return ""
