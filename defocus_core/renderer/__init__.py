@@ -1,1 +1,1 @@
-"""The picture that a lens takes: layers, blur, compositing, content that is hidden."""
+"""Rendering of the picture that a lens takes: layers, blur, compositing, hidden content."""

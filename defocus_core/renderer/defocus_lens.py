@@ -23,7 +23,7 @@ DEPTH_UNITS = {"mm": 1.0, "m": 1000.0}  # mm
 
 
 class DefocusLens(PsfLens):
-    """A thin lens that draws the blur of points and renders images with their depth."""
+    """A thin lens that computes the blur of points and renders images with their depth."""
 
     def __init__(
         self,
@@ -37,21 +37,22 @@ class DefocusLens(PsfLens):
         aperture: Aperture | None = None,
         depth_unit: str = "mm",
     ) -> None:
-        """Describe lens and sensor, as `ThinLens` does, and the opening.
+        """Set the lens and the sensor, as `ThinLens` does, and the opening.
 
         Args:
-            foclen: Focal length in mm, > 0, or one of each picture [B].
-            fnum: F-number, > 0, or one of each picture [B].
+            foclen: Focal length in mm, > 0, or one for each picture [B].
+            fnum: F-number, > 0, or one for each picture [B].
             sensor_size: (width, height) in mm.
             sensor_res: (width, height) in px.
             device: As for `ThinLens`.
             dtype: As for `ThinLens`.
-            aperture: The opening in all renderings; None for that of the psf_type of each call.
-            depth_unit: "mm" or "m", of the depth maps of `render_rgbd`, `render_rgbd_dp` and
-                `signed_radius`; all else is in mm.
+            aperture: The opening in all renderings; None for the one that the psf_type of a call
+                gives.
+            depth_unit: "mm" or "m", the unit of the depth maps of `render_rgbd`, `render_rgbd_dp`
+                and `signed_radius`; all other lengths are in mm.
 
         Raises:
-            ValueError: As `ThinLens`, or `aperture` is no aperture.
+            ValueError: As `ThinLens`, or if `aperture` is no Aperture.
         """
         super().__init__(foclen, fnum, sensor_size, sensor_res, device, dtype)
         if not isinstance(aperture, Aperture | None):
@@ -62,7 +63,7 @@ class DefocusLens(PsfLens):
         self.depth_unit = one_of("depth_unit", depth_unit, tuple(DEPTH_UNITS))
 
     def signed_radius(self, depth: Scalar) -> Tensor:
-        """Signed CoC radius in px of a depth in the `depth_unit`; as of `ThinLens` otherwise."""
+        """Signed CoC radius in px of a depth in the `depth_unit`; otherwise as in `ThinLens`."""
         return super().signed_radius(self._tensor("depth", depth) * DEPTH_UNITS[self.depth_unit])
 
     @graph_break
@@ -151,7 +152,10 @@ class DefocusLens(PsfLens):
         return self.aperture
 
     def _image_radius(self, image: Tensor, depth: Tensor, *, either_sign: bool = False) -> Tensor:
-        """Signed radii [B, 1, H, W] px of a depth map, after a check that image and map agree."""
+        """Signed radii [B, 1, H, W] px of a depth map, which is checked to fit the image.
+
+        `either_sign`: whether depth may also be negative throughout.
+        """
         planes = depth_maps(image, depth, floating(self.dtype), image.device)
         if either_sign and bool((planes < 0).all()):
             planes = -planes

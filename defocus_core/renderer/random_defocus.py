@@ -1,6 +1,6 @@
 """A random lens for each picture of a batch: data augmentation that obeys the laws of the lens.
 
-The lens of a sample depends on its seed and its depth alone, not on the batch, the device or the
+The lens of a sample depends only on its seed and its depth, not on the batch, the device or the
 process. Lengths are in mm, radii in px.
 """
 
@@ -102,7 +102,7 @@ _SHAPES = tuple(name for name, row in OPTIONS.items() if row.check is _shape)
 
 
 def check_option(name: str, option: Option) -> None:
-    """Check each value that an option of a lens may have."""
+    """Raise ValueError unless every value that an option of a lens may have is allowed."""
     kind = option.kind if isinstance(option, Distribution) else "number"
     if kind in ("disparity", "percentile") and name != "foc_dist":
         raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")
@@ -113,7 +113,10 @@ def check_option(name: str, option: Option) -> None:
 
 
 def check_rim(size: Option, shift: Option) -> None:
-    """Check that no rim that may be drawn hides the middle of the pupil."""
+    """Raise ValueError if a rim that may be drawn hides the middle of the pupil.
+
+    `size`, `shift`: the options `cat_eye_size` and `cat_eye_shift`.
+    """
     sizes, shifts = ([float(value) for value in _values(option)] for option in (size, shift))
     CatEye(min(sizes), max(shifts))
 
@@ -124,19 +127,19 @@ def _values(option: Option) -> tuple[Any, ...]:
 
 
 def aperture_with(options: dict[str, Any]) -> Aperture:
-    """The pupil of drawn options."""
+    """The pupil that drawn options describe."""
     shape = {name: options[name] for name in _SHAPES}
     return Aperture(options["blades"], options["blade_rotation"], **shape)
 
 
 def rim_with(options: dict[str, Any]) -> CatEye | None:
-    """The rim of drawn options; None where it clips nothing."""
+    """The rim of the barrel that drawn options describe; None if it clips nothing."""
     size, shift = options["cat_eye_size"], options["cat_eye_shift"]
     return None if size >= 1 + shift else CatEye(size, shift)
 
 
 def lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
-    """The lens of drawn options before a sensor of (height, width) px."""
+    """The lens that drawn options describe, on a sensor of `size` (height, width) px."""
     height, width = size
     sensor = (options["sensor_width"], options["sensor_width"] * height / width)
     lens = DefocusLens(options["foclen"], options["fnum"], sensor, (width, height), "cpu")
@@ -187,8 +190,8 @@ class Lenses(NamedTuple):
 class RandomDefocus(torch.nn.Module):
     """Defocuses each picture of a batch with a lens of its own, drawn by a seed.
 
-    Its attributes are its arguments, and may be set anew, as for a curriculum. Gradients flow to
-    image and depth.
+    The attributes are the arguments, and may be changed later, as for a curriculum. Gradients flow
+    to image and depth.
     """
 
     def __init__(
@@ -238,7 +241,7 @@ class RandomDefocus(torch.nn.Module):
         self._check()
 
     def _check(self) -> None:
-        """Check all options, which may have been set anew."""
+        """Check all options, which may have been changed since they were given."""
         for name in OPTIONS:
             check_option(name, getattr(self, name))
         check_rim(*(getattr(self, name) for name in ("cat_eye_size", "cat_eye_shift")))
@@ -317,7 +320,7 @@ class RandomDefocus(torch.nn.Module):
     def _defocused(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
     ) -> tuple[ViewTensors, Lenses]:
-        """`forward` with options that are checked."""
+        """`forward` for a batch, with options that are already checked."""
         maps = depth_maps(image, depth, torch.float32, image.device) * DEPTH_UNITS[self.depth_unit]
         seeds = _seeds(seeds, len(image))
         drawings = self._draw(maps, seeds)
@@ -338,7 +341,7 @@ class RandomDefocus(torch.nn.Module):
         return views, Lenses(radii[:, None], **columns)
 
     def _settings(self, drawing: _Drawing, threads: int) -> Settings:
-        """The options of `render` for a picture with a drawn lens, in `threads` threads."""
+        """The settings to render a picture with a drawn lens, in `threads` threads."""
         options, lens = drawing
         return Settings(
             aperture=aperture_with(options),
@@ -352,7 +355,7 @@ class RandomDefocus(torch.nn.Module):
         )
 
     def _draw(self, maps: Tensor, seeds: list[int]) -> list[_Drawing]:
-        """The first lens drawn by each seed that suits its depth map, of maps [B, H, W]."""
+        """For each of the depth maps [B, H, W], the first lens drawn by its seed that suits it."""
         choices = {name: getattr(self, name) for name in OPTIONS}
         depth, size = maps.detach().flatten(1), maps.shape[1:]
         known = depth.amin(1), depth.amax(1), torch.isfinite(depth).sum(1)
@@ -383,7 +386,10 @@ class RandomDefocus(torch.nn.Module):
     def _suited(
         self, options: dict[str, Any], extremes: list[float], size: torch.Size
     ) -> _Drawing | str:
-        """The lens of drawn options, or why it does not suit a depth map of these extremes."""
+        """The lens that drawn options describe, or the reason why it does not suit a depth map.
+
+        `extremes`: least and greatest depth in mm; `size`: (height, width) in px.
+        """
         if not options["blades"]:
             options["curvature"] = 0.0
         if not options["foc_dist"] > options["foclen"]:
@@ -402,7 +408,7 @@ class RandomDefocus(torch.nn.Module):
 def _with_noise(
     images: Sequence[Tensor], drawings: Sequence[_Drawing], seeds: Sequence[int]
 ) -> list[Tensor]:
-    """Views [B, C, H, W] with the noise of their lenses, which takes no part in gradients."""
+    """Views [B, C, H, W] with the noise of their lenses added; noise has no gradient."""
     noisy = [*images]
     for place, ((options, _), seed) in enumerate(zip(drawings, seeds, strict=True)):
         if options["electrons"] == math.inf:
@@ -423,21 +429,21 @@ def _with_noise(
 
 
 class _Drawing(NamedTuple):
-    """A lens, and by name the options from which the lens was made."""
+    """A lens that was drawn, and by name the options from which it was made."""
 
     options: dict[str, Any]
     lens: DefocusLens
 
 
 def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> ViewTensors:
-    """The views of a picture [C, H, W] of radii [H, W] px."""
+    """The views of one picture, given its colours [C, H, W], radii [H, W] px and settings."""
     image, radius, settings = one
     surface = Surface(image, radius)
     return views_alone(surface, settings) or Renderer(surface, settings).picture()
 
 
 def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:
-    """A whole number for each picture: the caller's, or one from a generator."""
+    """One whole number for each picture: those of the caller, or drawn from a generator."""
     if isinstance(seeds, torch.Generator):
         seeds = torch.randint(2**63 - 1, (count,), generator=seeds, device=seeds.device)
     wanted = f"seeds must be one whole number for each picture, a list of {count}"

@@ -1,7 +1,8 @@
-"""The renderer's door: pictures and signed radii in, defocused pictures out.
+"""The entry to the renderer: pictures and signed radii in, defocused pictures out.
 
 The centre image is the mean of left and right, weighted by the areas of the halves. It is the same
-whether or not these are asked for, unless photodiodes are not halves: torch then renders all three.
+whether or not left and right are asked for, unless photodiodes do not see exact halves: then torch
+renders all three.
 """
 
 from __future__ import annotations
@@ -63,9 +64,9 @@ def render(
     continue beyond the frame with the colours and radii of its edge; trust is the share of the
     aperture that saw the frame.
 
-    Where gradients are wanted, each region and its tiles are computed again in the backward pass.
-    This takes half as long again, but only the memory of the pictures and of one region: 440 MB at
-    960×540, 780 MB at 1080p.
+    If gradients are required, each region and its tiles are computed again in the backward pass. This
+    takes 1.5 times as long, but only the memory of the pictures and of one region: 440 MB at 960×540,
+    780 MB at 1080p.
 
     Args:
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
@@ -75,28 +76,31 @@ def render(
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the slice radii of the quality.
-        hidden: The surface behind the visible one where it is known, shaped as the image and the
-            radius; elsewhere it is continued from farther surfaces.
-        matte: [B, 1, H, W], [B, H, W] or [H, W] in [0, 1], the coverage of a subject, as of a
-            segmentation: the silhouette is the edge of the depth, and coverage there is not
-            estimated.
+        hidden: The surface behind the visible one, where it is known: of the shapes of image and
+            radius. Elsewhere it is continued from farther surfaces.
+        matte: [B, 1, H, W], [B, H, W] or [H, W] in [0, 1], the coverage of a subject, for example
+            of a segmentation. Its silhouette is taken for the depth edge, and its coverage there
+            instead of an estimate.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, 16 at least; another side changes results in the last digits.
-        infinity: Signed radius in px of infinitely far surfaces: it serves to find edges that are
-            soft in distance. None takes all as soft in disparity. One for each picture where
-            lenses differ.
+        infinity: Signed radius in px of infinitely far surfaces, by which edges that are soft in
+            distance are found; None if all are soft in disparity. Give one for each picture if
+            their lenses differ.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is.
         edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 means
-            that all edges are hard, and no ramp becomes a step. None: the diagnosis decides.
-        dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
+            that all edges are hard, and no ramp becomes a step. None lets a diagnosis of the depth
+            decide.
+        dual_pixel: The photodiodes that see left and right; by default each sees a half of the
             aperture.
-        cat_eye: The barrel that clips the aperture off the middle of the frame. A light is
-            clipped as at its pixel; other pixels are means of the blur at corners of a region.
-        color_offsets: For each channel the px to add to its signed radii, as axial colour does,
-            see `color_offset`; different ones are rendered apart. Trust is the least of all.
-        progress: Called with (tiles done, tiles in all) of each picture.
+        cat_eye: The barrel that clips the aperture away from the middle of the frame. A highlight
+            is clipped as at its own pixel; the blur of other pixels is interpolated between the
+            corners of a region.
+        color_offsets: For each channel the px to add to its signed radii, which is axial colour,
+            see `color_offset`. Channels of different offsets are rendered separately; trust is the
+            least of all.
+        progress: Called with (tiles done, number of tiles) for each picture.
 
     Returns:
         Views in the shape and dtype of the image, their counts summed over the batch; half
@@ -142,7 +146,11 @@ def _rendered(
     colors: list[tuple[list[int], Scalar]],
     progress: Callable[[int, int], None] | None,
 ) -> ViewTensors:
-    """The views of one picture; colours are rendered apart if the px added to radii differ."""
+    """The views of one picture.
+
+    `colors`: groups of channels, each with the px added to its radii; groups are rendered
+    separately.
+    """
     if len(colors) > 1 or hidden is not None:
         surface, _ = repaired(surface, settings)
         settings = replace(settings, depth_repair="off", edge_width=None)
@@ -174,10 +182,11 @@ def render_layers(
 ) -> ViewTensors:
     """Defocus a scene whose surfaces are known behind each other, with their coverage.
 
-    In each pixel layers occlude each other by their radii, the smaller signed radius being the
-    nearer one; of equal radii the layer that comes first. Nothing is invented behind what is
-    known, but for two cases: one layer is continued behind its own edges as in `render`, within its
-    silhouette; and where every pixel is covered fully, gaps that no layer fills are, too.
+    In each pixel, layers occlude each other by their radii: the layer of the smaller signed radius
+    is the nearer one, and of equal radii the layer that comes first. Hidden surfaces are invented in
+    two cases only: a single layer is continued behind its own edges as in `render`, within its
+    silhouette; and if layers cover every pixel completely, gaps that they leave behind edges are
+    filled.
 
     Args:
         colors: [L, C, H, W], linear light, premultiplied by coverage; any number of channels.
@@ -220,7 +229,7 @@ def render_layers(
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
-    """[B, C, H, W] pixels and [B, H, W] radii."""
+    """The pixels [B, C, H, W] and the radii [B, H, W] of a single image or a batch."""
     check_image(image, alone=True)
     signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
     pixels = image if image.dim() == 4 else image[None]
@@ -230,7 +239,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
 def _settings_of_each(
     settings: Settings, infinity: float | Sequence[float] | Tensor | None, count: int
 ) -> list[Settings]:
-    """The settings of each picture, with its radius at infinity."""
+    """The settings of each picture, with its own radius at infinity."""
     radii: Any = infinity.tolist() if isinstance(infinity, Tensor) else infinity
     if not isinstance(radii, list | tuple):
         return [replace(settings, infinity=radii)] * count
@@ -241,7 +250,7 @@ def _settings_of_each(
 
 
 def _mattes(matte: Tensor, radii: Tensor) -> Tensor:
-    """[B, H, W] coverages of subjects."""
+    """The coverages of subjects as [B, H, W], checked."""
     matte = numbers("matte", matte, torch.float32, radii.device, "in [0, 1]")
     shapes = {(len(radii), 1, *radii.shape[1:]), tuple(radii.shape)}
     shapes |= {tuple(radii.shape[1:])} if len(radii) == 1 else set()

@@ -1,7 +1,7 @@
-"""Samples of data sets as transforms hand them on: mappings of pictures, depth, masks and more.
+"""Samples of data sets, as transforms pass them on: mappings of pictures, depth, masks and more.
 
-A picture is a tensor [C, H, W], of a class of `torchvision.tv_tensors` or plain, or an array
-[H, W, C] as of albumentations; a map is [1, H, W] or [H, W]. Results are of the same kinds.
+A picture is a tensor [C, H, W], of a class of `torchvision.tv_tensors` or plain, or an array [H, W,
+C] as of albumentations; a map is [1, H, W] or [H, W]. Results are of the same kinds.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def planes_of(name: str, value: Any) -> Tensor:
 
 
 def restored(value: Any, planes: Tensor) -> Any:
-    """Planes [C, H, W] in the class, order of axes and number of axes of `value`."""
+    """A tensor [C, H, W] converted to the class, order of axes and number of axes of `value`."""
     planes = planes[0] if value.ndim == 2 else planes
     if isinstance(value, Tensor):
         return planes.as_subclass(type(value))
@@ -42,12 +42,13 @@ def restored(value: Any, planes: Tensor) -> Any:
 
 
 def mirrored(sample: Mapping[str, Any], p: float = 1.0) -> Sample:
-    """A sample, mirrored from side to side; left and right are exchanged.
+    """A sample mirrored from side to side, with left and right exchanged.
 
     Args:
-        sample: Pictures and maps by name, those of the dual pixels as ``left`` and ``right``; all
-            else is unchanged.
-        p: The probability, drawn by torch's generator, which a loader seeds in each worker.
+        sample: Pictures and maps by name, the dual-pixel images as ``left`` and ``right``; all
+            other entries are unchanged.
+        p: The probability of mirroring, drawn by torch's generator, which a loader seeds in each
+            worker.
     """
     if p < 1.0 and float(torch.rand(())) >= p:
         return dict(sample)

@@ -1,8 +1,8 @@
 """Rectangles of pixels, spans of rows or columns, and the fixed grid of tiles and regions.
 
-The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
-the same way whatever else was asked for. A slice is computed for a tile if it has a pixel within
-its own radius of the tile.
+The grid depends only on the size of the frame and the side of a tile, so that a pixel is computed
+in the same way whichever outputs are asked for. A slice is computed for a tile only if one of its
+pixels is no farther from the tile than the blur radius of the slice.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from defocus_core.tensors.later import Tensor
 
 
 class Box(NamedTuple):
-    """A rectangle of a picture."""
+    """A rectangle of pixels; `top` and `left` are the row and column of its first pixel."""
 
     top: int
     left: int
@@ -24,12 +24,12 @@ class Box(NamedTuple):
 
     @classmethod
     def from_spans(cls, down: Span, across: Span) -> Box:
-        """The rectangle of a span of rows and a span of columns."""
+        """The rectangle of the rows `down` and the columns `across`."""
         return cls(down.first, across.first, down.length, across.length)
 
     @property
     def sides(self) -> tuple[Span, Span]:
-        """The span of rows and the span of columns."""
+        """The spans of the rows and of the columns, in this order."""
         return Span(self.top, self.top + self.height), Span(self.left, self.left + self.width)
 
     @property
@@ -38,38 +38,38 @@ class Box(NamedTuple):
         return self.height * self.width
 
     def grown(self, by: int, within: Box) -> Box:
-        """The rectangle enlarged by `by` px on all sides, cut to the rectangle `within`."""
+        """This rectangle enlarged by `by` px on all sides, then clipped to `within`."""
         top, left = max(self.top - by, within.top), max(self.left - by, within.left)
         below = min(self.top + self.height + by, within.top + within.height)
         beside = min(self.left + self.width + by, within.left + within.width)
         return Box(top, left, below - top, beside - left)
 
     def enlarged(self, by: int) -> Box:
-        """The rectangle enlarged by `by` px on all sides, not cut."""
+        """This rectangle enlarged by `by` px on all sides, without clipping."""
         return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
 
     def shrunk(self, by: int) -> Box:
-        """The rectangle reduced by `by` px on all sides; its size may become negative."""
+        """This rectangle reduced by `by` px on all sides; height or width may become negative."""
         return self.enlarged(-by)
 
     def seen_from(self, other: Box) -> Box:
-        """The same rectangle, with its place counted from the upper left corner of another."""
+        """This rectangle with its position relative to the upper left corner of `other`."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
     def crop(self, picture: Tensor) -> Tensor:
-        """The window of a picture [..., H, W] in this rectangle."""
+        """The pixels [..., height, width] of a picture [..., H, W] that lie in this rectangle."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
 
 class Span(NamedTuple):
-    """Samples from `first` to before `end` along an axis."""
+    """A range of indices along an axis, from `first` up to but not including `end`."""
 
     first: int
     end: int
 
     @property
     def length(self) -> int:
-        """The number of samples; 0 or negative if there are none."""
+        """The number of indices; 0 or negative if the range is empty."""
         return self.end - self.first
 
     def intersection(self, other: Span) -> Span:
@@ -94,7 +94,7 @@ MARGIN = 0.15
 
 
 class Grid(NamedTuple):
-    """Tiles in rows."""
+    """Tiles of the fixed grid, listed row by row."""
 
     tiles: list[Box]  # the tiles; the first and the last of a row or column may be smaller
     sides: tuple[int, int]  # (height, width) in px of the other tiles
@@ -103,18 +103,22 @@ class Grid(NamedTuple):
 
     @property
     def box(self) -> Box:
-        """The rectangle of all tiles."""
+        """The smallest rectangle that contains all tiles."""
         first, last = self.tiles[0], self.tiles[-1]
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
     def seen_from(self, other: Box) -> Grid:
-        """The same tiles, with places counted from the upper left corner of a rectangle."""
+        """The same tiles with positions relative to the upper left corner of `other`."""
         return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
 
 
 def grid_over(height: int, width: int, side: int | tuple[int, int] | None = None) -> Grid:
-    """The grid of tiles of a side, or of a (height, width), over a frame."""
+    """The grid of tiles over a frame of `height` by `width` px.
+
+    `side`: the side of square tiles, or the (height, width) of tiles, in px; None for 128 px, or
+    for a single tile if the frame is no larger than that.
+    """
     if side is None:
         side = (max(height, 1), max(width, 1)) if max(height, width) <= _ALONE else TILE
     rows, columns = side if isinstance(side, tuple) else (side, side)
@@ -127,7 +131,10 @@ def grid_over(height: int, width: int, side: int | tuple[int, int] | None = None
 
 
 def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
-    """The (height, width) of the fewest tiles of at most `pixels` px, about equally large."""
+    """The (height, width) of equal tiles of about `pixels` px that cover a frame.
+
+    Both are rounded up to multiples of 16 px.
+    """
     count = -(-height * width // pixels)
     across = -(-count // -(-height // BLOCK))
     rows, columns = -(-height // -(-count // across)), -(-width // across)
@@ -135,9 +142,9 @@ def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
 
 
 def regions(grid: Grid, margin: int) -> list[list[Grid]]:
-    """Rows of regions of the tiles of a frame, about equally large.
+    """The tiles of a frame, grouped into rectangular regions of about equal size: rows of regions.
 
-    `margin`: distance in px around a region from which its tiles take light.
+    `margin`: distance in px from which light from outside a region is blurred into its tiles.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
     minimum = max(grid.region, round(margin / MARGIN))
@@ -160,12 +167,12 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
 
 
 def largest(rows: list[list[Grid]]) -> tuple[int, int]:
-    """The greatest height and the greatest width in px of regions."""
+    """The greatest height and the greatest width, in px, among all regions."""
     boxes = [grid.box for row in rows for grid in row]
     return max(box.height for box in boxes), max(box.width for box in boxes)
 
 
 def _shared_out(count: int, parts: int) -> list[tuple[int, int]]:
-    """Consecutive ranges [first, end) of nearly equal length that make range(count)."""
+    """range(count) divided into at most `parts` ranges [first, end) of nearly equal length."""
     cuts = [round(count * i / parts) for i in range(parts + 1)]
     return [(a, b) for a, b in pairwise(cuts) if a < b]

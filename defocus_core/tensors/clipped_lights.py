@@ -1,18 +1,19 @@
-"""Clipped lights: white blobs of an 8-bit picture, and the light that they lost.
+"""Clipped lights: white blobs of an 8-bit picture, and estimates of the light that they lost.
 
-White in 8 bits is the end of the scale, not a measure: a lamp a hundred times as bright as a wall
-is stored as hardly more, and its blur would be a grey disc. Blobs near the end of the scale are
-made brighter by a gain. A lamp differs from a surface just beyond white: it is small, its
-surroundings are darker, and it is very small or clipped in all channels, so that it has no colour.
-Blobs in focus make no disc and stay as they are.
+White in 8 bits is the end of the scale, not a measured value: a lamp a hundred times as bright as a
+wall is stored as hardly brighter, and its blur would be a grey disc. A gain brightens blobs near
+the end of the scale. Unlike a white surface, a lamp is small, its surroundings are darker, and it
+is either very small or clipped in all channels, so that it has no colour. Blobs in focus are not
+blurred to discs and stay as they are.
 
-The lost hue of a blob is that of its rim, where the light of the lamp is not yet clipped; a blob
-without a rim keeps its own. The larger the rim relative to the blob, the less light was clipped,
-and the lower is the gain. The gain has a shoulder: the disc of a blurred blob stays below white,
-where it would lose its hue again.
+The hue that a blob has lost is estimated from its rim, where the light of the lamp is not yet
+clipped; a blob without a rim keeps its hue. The larger the rim is relative to the blob, the less
+light was clipped, and the lower is the gain. The gain is limited smoothly so that the disc of a
+blurred blob stays below white, where it would lose its hue again.
 
-A blob depends on the level above which pixels belong to it. Each level of brightness adds its share
-of the gain to the blobs of that level, so that the light is continuous in the threshold.
+Which pixels form a blob depends on the brightness above which they are counted. Blobs are found at
+several levels of brightness, each of which adds a share of the gain to its blobs, so that the
+result is a continuous function of the threshold.
 """
 
 from __future__ import annotations
@@ -70,24 +71,25 @@ def with_lights(
     colors: int | None = None,
     signed_radius: Tensor | None = None,
 ) -> Tensor:
-    """A picture whose clipped lights have their estimated light.
+    """The picture with its clipped lights brightened to their estimated light.
 
     Args:
-        image: [C, H, W], linear light of 0 to 1; brighter pictures are returned as they are.
-        threshold: The brightness, of the brightest channel, at which the gain begins, below 1.
-        gain: The factor at the end of the scale for a blob that is clipped up to its rim, 1 or
-            more.
-        colors: How many channels are colours, the first ones; None for all.
-        signed_radius: [H, W] px; blobs that are in focus are left alone, and discs of others stay
-            below white. None means that all are blurred widely.
+        image: [C, H, W], linear light from 0 to 1; a picture with values above 1 is returned
+            unchanged.
+        threshold: Value of the brightest channel, at least 0 and below 1, at which the gain begins.
+        gain: Factor, 1 or more, by which a pixel of value 1 is multiplied in a blob that is clipped
+            up to its edge.
+        colors: Number of channels that are colours, which come first; None for all.
+        signed_radius: [H, W] px; blobs in focus are left unchanged, and the discs of other blobs
+            stay below white. None means that all blobs are widely blurred.
 
     Returns:
-        [C, H, W]. Gradients flow to threshold and gain, if tensors, and to image, with the blobs as
-        found.
+        [C, H, W]. Gradients flow to image, and to threshold and gain if these are tensors; which
+        pixels form blobs counts as constant.
 
     Raises:
-        ValueError: If an argument is not one of the above, or the radius needs a gradient, for
-            which the size of a disc has none.
+        ValueError: If an argument is out of its range, or if signed_radius requires a gradient,
+            which is not computed.
     """
     return ClippedLights(image, threshold, gain, colors=colors, signed_radius=signed_radius).added
 
@@ -96,9 +98,9 @@ class ClippedLights:
     """The clipped lights of a picture.
 
     Attributes:
-        added: [C, H, W], the picture with their light.
-        count: The number of blobs that got light.
-        measured: Whether there is light above 1, in which case the picture stays.
+        added: [C, H, W], the picture with its lights brightened.
+        count: The number of blobs that were brightened.
+        measured: Whether the picture has values above 1; it is then left unchanged.
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class ClippedLights:
         colors: int | None = None,
         signed_radius: Tensor | None = None,
     ) -> None:
-        """Find the blobs; arguments are those of `with_lights`."""
+        """Find and brighten the blobs; arguments are those of `with_lights`."""
         if not 0 <= (minimum := number("threshold", threshold, "in linear light")) < 1:
             raise ValueError(
                 f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
@@ -140,7 +142,7 @@ def _lit(
     gain: Scalar,
     minimum: float,  # the threshold as a plain number
 ) -> tuple[Tensor, int]:
-    """The light [C, H, W] with that of its lamps added, and the number of lamps."""
+    """The light [C, H, W] with the estimated light of lamps added, and the number of lamps."""
     levels = [pair for pair in pairwise(_LEVELS) if pair[1] > minimum]
     sharp = float((_SHARP * blur.amax()).clamp(*_SHARP_PX))
     frame = _LightFrame(light.detach(), light.detach().amax(0), blur, sharp)
@@ -168,7 +170,7 @@ def _lit(
 
 
 class _SmallBlobs(NamedTuple):
-    """Blobs of pixels that are brighter than a level, and small enough for lamps."""
+    """Blobs of connected pixels that are brighter than a level, and small enough to be lamps."""
 
     runs: Runs
     number: Tensor  # [n] the blob of each run
@@ -177,7 +179,7 @@ class _SmallBlobs(NamedTuple):
 
 
 class _LightFrame(NamedTuple):
-    """A picture among whose pixels there may be lamps."""
+    """A picture in which lamps are searched for."""
 
     light: Tensor  # [C, H, W]
     bright: Tensor  # [H, W], the brightest channel of the light
@@ -185,7 +187,7 @@ class _LightFrame(NamedTuple):
     sharp: float  # greatest blur in px of a blob in focus
 
     def blobs_within(self, runs: Runs) -> _SmallBlobs:
-        """The blobs of runs that are small enough."""
+        """The blobs that `runs` form, without blobs too large for a lamp."""
         blob, most = runs.blobs(), max(_WHITE[1] * math.sqrt(self.blur.numel()), _MIN_PX[1])
         area = blob.new_zeros(len(blob)).index_add(0, blob, runs.end - runs.first)
         kept = area[blob] < most**2
@@ -199,14 +201,17 @@ class _LightFrame(NamedTuple):
 
 
 def _beside(frame: _LightFrame, row: Tensor, column: Tensor, level: float) -> Iterator[Tensor]:
-    """Mean brightness and light [n] of the dark pixels around pixels [n]; few are as the level."""
+    """Yield means [n] over the dark pixels around n pixels: of brightness, then of each channel.
+
+    Dark pixels are not brighter than `level`, which is the result where there are few of them.
+    """
     dark, height, width = frame.bright <= level, *frame.bright.shape
     reach = max(_MIN_AROUND, round(_AROUND * max(height, width)))
     block = max(1, reach // _COARSE)
     around, values = reach // block, torch.empty_like(frame.bright)
 
     def summed(given: Tensor) -> Tensor:
-        """The sum [h, w] of dark pixels around each coarse pixel."""
+        """The sum of `given` over dark pixels around each coarse pixel [h, w], over block**2."""
         torch.mul(given, dark, out=values)
         sums = avg_pool2d(values[None], block, ceil_mode=True, divisor_override=block**2).double()
         for axis in (0, 1):
@@ -222,7 +227,7 @@ def _beside(frame: _LightFrame, row: Tensor, column: Tensor, level: float) -> It
 
 
 class _Lamps(NamedTuple):
-    """Estimates of the lamps behind blobs."""
+    """Estimates for the lamps of n blobs."""
 
     fraction: Tensor  # [n] how far the blob is a lamp, 0 to 1
     clipped: Tensor  # [n] share of the blob that is clipped
@@ -231,7 +236,7 @@ class _Lamps(NamedTuple):
     says_hue: Tensor  # [n] how far there is a rim, 0 to 1
 
     def gain(self, gain: Scalar) -> Tensor:
-        """The gain [n] of each lamp, given the gain of a lamp that is wholly clipped."""
+        """The gain [n] of each lamp; `gain` is the gain of a lamp whose blob is all clipped."""
         own = 1 + (gain - 1) * self.clipped * (1.5 - 0.5 * self.clipped)
         over = ((own * self.disc - _KNEE) / (_BRIGHTEST - _KNEE)).clamp(min=0)
         shown = _KNEE + (_BRIGHTEST - _KNEE) * over.tanh()
@@ -239,10 +244,10 @@ class _Lamps(NamedTuple):
 
 
 def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
-    """Sums of number, brightness, weight and weighted light [3 + C, m] of pixels beside blobs.
+    """Sums over the rims of m blobs: pixels, brightness, weight and weighted light [3 + C, m].
 
-    Each sum is the mean of that to the sides and that above and below, so that a turned picture
-    has the same sums.
+    Each is the mean of two sums, over pixels to the left and right of the blob and over pixels
+    above and below it, so that a picture turned by 90 degrees has the same sums.
     """
     light, bright, (height, width) = frame.light, frame.bright, frame.bright.shape
     runs, number, (row, column, blob), _ = blobs
@@ -263,7 +268,7 @@ def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
 
 
 def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
-    """The lamp of each blob [m] of pixels brighter than a level."""
+    """The estimated lamp of each of m blobs, whose pixels are brighter than `low`."""
     runs, number, (row, column, blob), _ = blobs
     zeros = torch.zeros(blobs.many, dtype=torch.float64, device=number.device)
     area = zeros.index_add(0, number, (runs.end - runs.first).double())
@@ -299,7 +304,7 @@ def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
 
 
 def _length(blobs: _SmallBlobs) -> Tensor:
-    """The longer side of each blob [m], in px."""
+    """The longer side [m] of the bounding box of each blob, in px."""
     runs, blank = blobs.runs, blobs.number.new_zeros(blobs.many)
 
     def ends(values: Tensor, which: str) -> Tensor:
@@ -310,7 +315,7 @@ def _length(blobs: _SmallBlobs) -> Tensor:
 
 
 def _interpolated(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
-    """Bounds of blobs, interpolated from coloured blobs (share 0) to white blobs (share 1)."""
+    """Limits interpolated between those of coloured blobs (share 0) and white blobs (share 1)."""
     return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
 
 
@@ -319,13 +324,13 @@ def _wide(values: Tensor) -> Tensor:
 
 
 def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
-    """A smooth step from 0 at `low` to 1 at `high`."""
+    """The smoothstep function: 0 up to `low`, 1 from `high`, cubic between them."""
     x = ((values - low) / (high - low)).clamp(0, 1)
     return x * x * (3 - 2 * x)
 
 
 class Runs(NamedTuple):
-    """The runs of a mask, in order of their first pixels."""
+    """The horizontal runs of adjacent True pixels of a mask, row by row from left to right."""
 
     row: Tensor  # [n] row of each run
     first: Tensor  # [n] column of its first pixel
@@ -334,18 +339,18 @@ class Runs(NamedTuple):
 
     @classmethod
     def from_mask(cls, mask: Tensor) -> Runs:
-        """The runs of the rows of a mask [H, W]."""
+        """The runs of a mask [H, W] bool."""
         steps = pad(mask.to(torch.int8), (1, 1)).diff(dim=1)
         row, first = torch.nonzero(steps > 0).unbind(1)
         return cls(row, first, torch.nonzero(steps < 0)[:, 1], mask.shape[1] + 2)
 
     def holding(self, row: Tensor, column: Tensor) -> Tensor:
-        """The index of the run that holds each given pixel of the mask."""
+        """The index of the run that contains each given pixel; the pixels must lie in the mask."""
         firsts = self.row * self.stride + self.first
         return torch.searchsorted(firsts, row * self.stride + column, right=True) - 1
 
     def blobs(self) -> Tensor:
-        """The index [n] of the blob to which each run belongs, from 0 on."""
+        """The number [n] of each run's blob, from 0; runs that touch, also at corners, are one."""
         one, other = self._touching()
         label = torch.arange(len(self.row), device=self.row.device)
         while True:
@@ -362,7 +367,7 @@ class Runs(NamedTuple):
                 label = root
 
     def _touching(self) -> tuple[Tensor, Tensor]:
-        """Indices of both runs of each pair in neighbouring rows that shares a side or a corner."""
+        """All pairs of runs in adjacent rows that share a side or corner, as two index tensors."""
         firsts, limits = self.row * self.stride + self.first, self.row * self.stride + self.end
         low = torch.searchsorted(limits, firsts + self.stride)
         high = torch.searchsorted(firsts, limits + self.stride, right=True)

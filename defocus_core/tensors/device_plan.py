@@ -1,8 +1,8 @@
 """How much is computed at once on a device: bytes, tiles, bands of rows.
 
-On a CPU pieces fit into a cache, and their sizes are fixed, so that a picture does not depend on
-the machine. Any other device takes some µs to begin an operation, however small: pieces there are
-as large as its memory allows, a part of which others may use.
+On a CPU, pieces have fixed sizes that fit into its cache, so that the result does not depend on the
+machine. Other devices need some µs to start an operation, however small, so pieces are as large as
+a share of the memory of the device allows.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _CACHED = 1 << 25
 
 
 def launches_cost(device: torch.device) -> bool:
-    """Whether a device, such as a GPU, is slow to begin operations and to wait for."""
+    """Whether a device is slow to start operations and to wait for: all but the CPU."""
     return device.type != "cpu"
 
 
 def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
-    """Numbers as a tensor of the dtype and device of `like`, sent without synchronisation.
+    """`values` as a tensor of the dtype and device of `like`, copied without synchronisation.
 
-    An ordinary copy waits until the device has done all work before it.
+    An ordinary copy would wait until the device has finished all earlier work.
     """
     if not isinstance(values, Tensor):
         values = torch.tensor(values, dtype=like.dtype, device="cpu")
@@ -42,9 +42,9 @@ def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
 
 
 def pieces(device: torch.device, bytes_each: int, on_cpu: int | None = None) -> int:
-    """The number of pixels, or other items, that are computed at once, to bound memory.
+    """The number of pixels, or other items of `bytes_each` bytes, to compute at once on a device.
 
-    `on_cpu`: the number on a CPU; None for as many as stay in its cache.
+    `on_cpu`: the number on a CPU; None for as many as fit into its cache.
     """
     on_cpu = _CACHED // bytes_each if on_cpu is None else on_cpu
     if not launches_cost(device):
@@ -53,13 +53,16 @@ def pieces(device: torch.device, bytes_each: int, on_cpu: int | None = None) -> 
 
 
 def tile_pixels(device: torch.device, bytes_each: int) -> int:
-    """The greatest number of pixels of a tile on a device other than a CPU, as `pieces`."""
+    """The greatest number of pixels in a tile on a device other than the CPU.
+
+    `bytes_each`: memory in bytes that a pixel needs with all its layers.
+    """
     return int(memory_of(device) * _TILE) // bytes_each
 
 
 @lru_cache
 def memory_of(device: torch.device) -> int:
-    """The total memory in bytes of a device other than a CPU."""
+    """The total memory in bytes of a device other than the CPU; 8 GiB if torch cannot tell."""
     module = getattr(torch, device.type, None)
     if module is not None and hasattr(module, "get_device_properties") and module.is_available():
         return int(module.get_device_properties(device).total_memory)
@@ -75,7 +78,10 @@ _PIXELS, _ROWS, _BYTES = 1 << 19, 256, 100
 def bands_of(
     size: tuple[int, int], device: torch.device, minimum: int = 1
 ) -> list[tuple[int, int]]:
-    """First row and end of each band of a frame; bands have at least `minimum` rows."""
+    """The first row and the end of each band of a frame of `size` (height, width).
+
+    Bands have at least `minimum` rows, except for the last.
+    """
     height, width = size
     rows = pieces(device, _BYTES, _PIXELS) // width
     rows = max(minimum, rows if launches_cost(device) else min(_ROWS, rows))
@@ -83,7 +89,7 @@ def bands_of(
 
 
 def bands(picture: Tensor) -> list[tuple[int, int]]:
-    """First row and end of each band of a picture [..., H, W]."""
+    """The first row and the end of each band of a picture [..., H, W]."""
     return bands_of((picture.shape[-2], picture.shape[-1]), picture.device)
 
 
@@ -99,9 +105,9 @@ def in_bands(
     margin: int = 0,
     threads: int = 1,
 ) -> Tensor:
-    """A picture [..., H, W], computed by a function of boxes in bands of rows.
+    """A picture [..., H, W] of `size` (height, width), computed by `function` in bands of rows.
 
-    `margin`: px around a box on which the pixels in the box depend; bands are much higher.
+    `function`: gives the pixels of a box; `margin`: px around a box that these depend on.
     """
     rows = bands_of(size, device, _BAND_OF_MARGIN * margin)
     boxes = [Box.from_spans(Span(*band), Span(0, size[1])) for band in rows]
@@ -115,7 +121,11 @@ def repaired(
     *others: Tensor,
     threads: int = 1,
 ) -> Tensor:
-    """Radii [H, W] px, repaired by a function of the pixels up to `around` px away."""
+    """The result of `repair` for radii [H, W] px, computed band by band.
+
+    `repair`: function of a window of the radii and of the pictures `others`, each pixel of which
+    depends on pixels up to `around` px away.
+    """
     height, width = signed_radius.shape[-2:]
 
     def of_box(box: Box) -> Tensor:

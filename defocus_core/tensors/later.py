@@ -1,6 +1,7 @@
-"""torch, imported at its first use: an import takes a second, and compiled loops need none of it.
+"""torch, imported at its first use: the import takes a second, and compiled loops need no torch.
 
-Modules that a rendering by compiled loops imports, too, take `torch` and `Tensor` from here.
+Modules that are also imported for rendering by compiled loops import `torch` and `Tensor` from
+here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pixels of a picture: the few in a mask, listed, and the neighbours of each."""
+"""Neighbours of pixels, and lists of the pixels in a mask."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from defocus_core.tensors.later import Tensor, torch
 
 
 class Choice(Protocol):
-    """torch.maximum or torch.minimum: the greater or the less of two tensors."""
+    """The signature of torch.maximum and torch.minimum."""
 
     def __call__(self, a: Tensor, b: Tensor, /, *, out: Tensor) -> Tensor:
-        """Write the choice to `out`."""
+        """Write the elementwise maximum or minimum to `out` and return it."""
 
 
 def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
-    """The greatest or least value [..., H, W] in the square around each pixel, without gradient.
+    """The greatest or least value in the square around each pixel, [..., H, W], without gradient.
 
-    Squares end at the borders. Each round joins squares side by side: 8 px take three.
+    Squares are clipped at the borders. Each round joins adjacent squares, so that 8 px take 3
+    rounds.
 
     `values`: [..., H, W], numbers or bool; `by`: distance in px from a pixel to the sides of its
-    square.
+    square; `choice`: torch.maximum or torch.minimum.
     """
     values = values.detach()
     for dim in (-2, -1):
@@ -33,9 +34,10 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
 
 
 def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Sizes of the step before, the step itself and the step after, for steps along an axis.
+    """Absolute differences of neighbours along an axis, as three tensors: before, middle and after.
 
-    n pixels have n - 3 steps that lie between two others.
+    `before` and `after` hold the differences next to each difference in `middle`; an axis of n
+    pixels gives n - 3 of each.
     """
     step = values.detach().diff(dim=dim).abs()
     n = max(step.shape[dim] - 2, 0)
@@ -44,12 +46,12 @@ def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
-    """Flat indices [n, side, side] of the pixels in the squares around pixels at [n, 2].
+    """Flat indices [n, side, side] of the pixels in the square around each of n pixels.
 
-    Beyond the borders of the frame the pixels at the border are repeated.
+    Outside the frame, the nearest border pixel is repeated.
 
-    `at`: [n, 2] rows and columns; `size`: (height, width) of the frame; `by`: distance in px from a
-    pixel to the sides of its square.
+    `at`: [n, 2], row and column of each pixel; `size`: (height, width) of the frame; `by`: distance
+    in px from a pixel to the sides of its square.
     """
     offset = torch.arange(-by, by + 1, device=at.device)
     y = (at[:, :1] + offset).clamp_(0, size[0] - 1)[:, :, None]
@@ -58,7 +60,10 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 
 
 def _shifted_extreme(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
-    """The extreme of each value and those `step` px before and after; past an end, its value."""
+    """The extreme of each value and of the values `step` px before and after it along `dim`.
+
+    Beyond an end of the axis, the last value is repeated.
+    """
     extreme, n = values.clone(), values.shape[dim]
     rest = n - step
     parts = [((step, rest), (0, rest)), ((0, rest), (step, rest))]
@@ -71,9 +76,9 @@ def _shifted_extreme(values: Tensor, step: int, dim: int, choice: Choice) -> Ten
 
 
 def range_of(values: Tensor) -> Tensor:
-    """The least and the greatest [2] of values [...]; NaN if any value is NaN.
+    """The minimum and the maximum [2] of values [...]; NaN if any value is NaN.
 
-    Two passes: on a CPU torch.aminmax takes longer, and four times as long where rows are not
+    Two reductions are faster on a CPU than torch.aminmax, by a factor of four where rows are not
     contiguous.
     """
     return torch.stack([values.amin(), values.amax()])
@@ -84,24 +89,25 @@ HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
-    """The radius that divides each near and far radius; the exact middle is on the far side."""
+    """The threshold between each near and far radius, just below their mean: the mean is far."""
     return near + (far - near) * HALFWAY
 
 
 def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
-    """Where values [...] exceed a bound: bool."""
+    """Whether each of the values [...] exceeds `bound`: bool, without gradient."""
     return values.detach() > bound
 
 
 def flat_nonzero(mask: Tensor) -> Tensor:
-    """Flat indices [n], ascending, of the pixels in a mask [...] bool."""
+    """Flat indices [n], in ascending order, of the True pixels of a mask [...]."""
     return torch.nonzero(mask.flatten())[:, 0]
 
 
 def masked_values(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    On devices other than a CPU, all values, 0 outside the mask, so that the host need not wait.
+    On devices other than the CPU, all values [...], with 0 outside the mask, since n would only be
+    known after a wait for the device.
     """
     if launches_cost(values.device):
         return torch.where(mask, values, 0)
@@ -109,7 +115,10 @@ def masked_values(values: Tensor, mask: Tensor) -> Tensor:
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
-    """The count [kinds] of each of 0 to kinds - 1 among numbers [n], without synchronisation."""
+    """How often each integer from 0 to kinds - 1 occurs in `numbers` [n]: counts [kinds].
+
+    The device is not waited for.
+    """
     if not launches_cost(numbers.device):
         return torch.bincount(numbers, minlength=kinds)
     counts = torch.zeros(kinds, dtype=torch.long, device=numbers.device)
@@ -117,7 +126,7 @@ def tally(numbers: Tensor, kinds: int) -> Tensor:
 
 
 def positions_of(mask: Tensor) -> Tensor:
-    """The rows and columns [n, 2] of the pixels in a mask [H, W] bool."""
+    """The row and column [n, 2] of each True pixel of a mask [H, W]."""
     number = flat_nonzero(mask)
     row = number.div(mask.shape[-1], rounding_mode="floor")
     return torch.stack([row, number - row * mask.shape[-1]], 1)

@@ -1,8 +1,9 @@
 """Pictures at half resolution, symmetric about the middle of the frame, and their interpolation.
 
-A mirrored picture halves to its mirror image, and a part of a frame as the whole. Along an even
-length two pixels make a coarse one; along an odd length every second pixel does, with half of its
-neighbours. Interpolation is cubic where the picture is smooth, else linear.
+Halving a mirrored picture gives the mirrored halved picture, and halving a part of a frame gives
+the same pixels as halving the whole frame. Along an axis of even length, a coarse pixel is made of
+two pixels; along an axis of odd length, of every second pixel and half of each of its neighbours.
+Interpolation is cubic where the picture is smooth, and linear elsewhere.
 """
 
 from __future__ import annotations
@@ -16,20 +17,27 @@ from defocus_core.tensors.later import Tensor, torch
 
 
 class Axis(NamedTuple):
-    """The middle of the frame along an axis."""
+    """Where the middle of the frame lies along an axis."""
 
     middle: int  # the first index at or after the middle
     odd: bool  # whether the middle is a pixel; else it lies between two
 
 
 def position_of(pixel: float, fine: Axis, coarse: Axis, level: int) -> float:
-    """The position of a pixel along one axis, as a fractional index of coarse pixels."""
+    """The position of a pixel along one axis, as a fractional index of coarse pixels.
+
+    `fine`, `coarse`: the middle of the frame among pixels and among coarse pixels; `level`: number
+    of halvings.
+    """
     offset = 0.0 if fine.odd else 0.5
     return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << level)
 
 
 def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
-    """The middle (down, across) of a frame (height, width), counted from pixel (top, left)."""
+    """Where the middle of a frame lies along both axes (down, across).
+
+    `size`: (height, width) of the frame; `top`, `left`: the pixel from which indices are counted.
+    """
     down, across = (
         Axis(n // 2 - start, n % 2 == 1) for n, start in zip(size, (top, left), strict=True)
     )
@@ -37,7 +45,7 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
 
 
 class AxisHalving(NamedTuple):
-    """The halving of one axis: the pixels to pad for whole coarse pixels, and the result."""
+    """The halving of one axis: padding to whole coarse pixels, and the resulting axis."""
 
     before: int  # pixels missing at the beginning
     after: int  # pixels missing at the end
@@ -46,7 +54,7 @@ class AxisHalving(NamedTuple):
 
 
 def halves(length: int, axis: Axis) -> AxisHalving:
-    """The halving of an axis of `length` pixels."""
+    """The halving of an axis of `length` pixels; `axis` is its middle of the frame."""
     before = axis.middle % 2
     after = (length + before + axis.odd) % 2
     middle = Axis((axis.middle + before) // 2, axis.odd)
@@ -54,13 +62,16 @@ def halves(length: int, axis: Axis) -> AxisHalving:
 
 
 def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: float) -> Tensor:
-    """Values [..., H, W] padded with `value` to whole coarse pixels."""
+    """Values [..., H, W] padded with `value`, so that both axes consist of whole coarse pixels."""
     missing = (across.before, across.after, down.before, down.after)
     return torch.nn.functional.pad(values, missing, value=value) if any(missing) else values
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """The greatest value [..., H, W] of the coarse pixels [..., h, w] that hold each pixel."""
+    """The greatest value of the coarse pixels [..., h, w] that include each pixel [..., H, W].
+
+    `odd`: whether the height and the width of the frame are odd.
+    """
     for dim in (-2, -1):
         twice = values.repeat_interleave(2, dim)
         if odd[dim]:
@@ -72,14 +83,17 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """Sums [..., h, w] of the pixels [..., H, W] of each coarse pixel of half resolution."""
+    """For each coarse pixel [..., h, w] of half resolution, the sum of its pixels [..., H, W].
+
+    `odd`: whether the height and the width of the frame are odd.
+    """
     for dim in (-2, -1):  # rows first, which are contiguous
         values = _halved(values, dim, odd[dim])
     return values
 
 
 def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
-    """Sums of the pixels of each coarse pixel along one axis."""
+    """The sum of the pixels of each coarse pixel, along the rows or columns `dim` only."""
     even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
     other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
     if not odd:
@@ -93,8 +107,9 @@ def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
 def averaged(
     values: Tensor, level: int, middle: tuple[Axis, Axis]
 ) -> tuple[Tensor, tuple[Axis, Axis]]:
-    """Means [N, K, h, w] of pictures [N, K, H, W] in coarse px, and the middle among coarse px.
+    """Pictures [N, K, H, W] averaged to coarse pixels [N, K, h, w], and their middle of the frame.
 
+    Resolution is halved `level` times; `middle` is the middle of the frame in the given pictures.
     Pixels beyond the frame count as 0.
     """
     middles = []
@@ -110,17 +125,18 @@ def averaged(
 
 
 class AxisWeights(NamedTuple):
-    """The coarse pixels next to each of P pixels along an axis, and their weights in the pixel."""
+    """The T coarse pixels that each of P pixels along an axis is interpolated from; weights."""
 
     taps: Tensor  # [T, P] indices of coarse pixels
     share: Tensor  # [T, P]; 0 of coarse pixels that are missing
 
 
 def cubic_weights(first: float, pixels: int, step: float, length: int, like: Tensor) -> AxisWeights:
-    """The weights of cubic interpolation (Keys 1981, a = -1/2) of `length` coarse pixels.
+    """The weights of cubic interpolation (Keys 1981, a = -1/2) between `length` coarse pixels.
 
-    `first`: position of the first of `pixels` pixels among coarse pixels; `step`: coarse pixels
-    from one pixel to the next.
+    `first`: position of the first of `pixels` pixels, as an index of coarse pixels; `step`:
+    distance between pixels, in coarse pixels; `like`: a tensor with the dtype and device of the
+    weights.
     """
     away, index = _taps(first, pixels, step, 2)
     near = (1.5 * away - 2.5) * away * away + 1
@@ -139,7 +155,7 @@ def linear_weights(
 
 
 def _taps(first: float, pixels: int, step: float, reach: int) -> tuple[Tensor, Tensor]:
-    """Distances [T, P] from pixels to the coarse pixels in reach, and indices of coarse pixels."""
+    """Distances [T, P] of the T = 2 reach nearest coarse pixels from each pixel; their indices."""
     position = torch.arange(pixels, dtype=torch.float64) * step + first
     index = position.floor() + torch.arange(1 - reach, reach + 1)[:, None]
     return (position - index).abs(), index.long()
@@ -152,7 +168,7 @@ def _weights(share: Tensor, index: Tensor, length: int, like: Tensor) -> AxisWei
 
 
 def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor:
-    """Coarse pixels [..., h, w] interpolated at pixels [..., H, W]."""
+    """Coarse pixels [..., h, w], interpolated at pixels [..., H, W] by the weights of both axes."""
     for dim, (index, share) in ((-1, columns), (-2, rows)):
         taps = [values.index_select(dim, each) for each in index]
         shares = share if dim == -1 else share[..., None]
@@ -165,7 +181,11 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
 def linear(
     coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
 ) -> Tensor:
-    """Coarse pixels [h, w] interpolated linearly at rows and columns of a picture of `size`."""
+    """Pixels of a picture, interpolated linearly between the coarse pixels [h, w] of that picture.
+
+    `rows`, `columns`: the first and the end of the wanted pixels; `size`: (height, width) of the
+    picture.
+    """
     values = coarse
     for dim, (first, end) in enumerate((rows, columns)):
         before, after, fraction = coarse_neighbours(coarse, dim, first, end, size[dim])
@@ -177,7 +197,10 @@ def linear(
 def coarse_neighbours(
     coarse: Tensor, dim: int, first: int, end: int, length: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Indices of the coarse pixels before and after each pixel, and the weight of the one after."""
+    """Indices of the coarse pixels before and after each pixel, and the weight of the one after.
+
+    Pixels are `first` to `end` of an axis of `length` pixels, which is axis `dim` of `coarse`.
+    """
     count = coarse.shape[dim]
     position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5
     position = (position * count / length - 0.5).clamp(0, count - 1)
@@ -186,7 +209,11 @@ def coarse_neighbours(
 
 
 def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:
-    """The box of the coarse pixels that the interpolation in a rectangle reads."""
+    """The box of the coarse pixels that are read to interpolate the pixels in `box`.
+
+    `fine`, `coarse`: the middle of the frame among pixels and among coarse pixels; `level`: number
+    of halvings.
+    """
     first, end = [], []
     for d, axes in enumerate(zip(fine, coarse, strict=True)):
         first.append(math.floor(position_of(box[d], *axes, level)))

@@ -1,4 +1,4 @@
-"""Work in threads, and the modes of torch for it and for its repetition by a backward pass."""
+"""Work in threads, and the torch modes in which it runs, also when a backward pass repeats it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,19 @@ P = ParamSpec("P")
 
 
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
-    """The results of work of torch on each piece, in order, `threads` pieces at a time."""
+    """Yield the result of `work` on each piece, in order, computed by `threads` threads.
+
+    Each thread has the torch modes of the calling thread.
+    """
     is_alone = threads == 1 or len(pieces) < 2
     return in_threads(work if is_alone else carried(work), pieces, threads)
 
 
 def in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
-    """The results of work without torch on each piece, in order, `threads` pieces at a time."""
+    """Yield the result of `work`, which must not use torch, on each piece, in order.
+
+    `threads`: number of threads.
+    """
     if threads == 1 or len(pieces) < 2:
         yield from map(work, pieces)
         return
@@ -32,7 +38,7 @@ def in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Ite
 
 
 def carried(work: Callable[[T], R]) -> Callable[[T], R]:
-    """The same work, on any thread in the torch modes of the calling thread."""
+    """`work` as a function that runs in the present gradient and inference modes on any thread."""
     gradient, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def in_modes(piece: T) -> R:
@@ -44,9 +50,9 @@ def carried(work: Callable[[T], R]) -> Callable[[T], R]:
 
 
 def graph_break(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, excluded from a caller's `torch.compile`.
+    """`function`, excluded from a caller's `torch.compile`.
 
-    The work depends on the values of tensors: its compilation takes minutes, and fails.
+    What it does depends on the values of tensors, so that compiling takes minutes, and fails.
     """
     uncompiled: Callable[P, R] | None = None
 
@@ -66,9 +72,10 @@ def graph_break(function: Callable[P, R]) -> Callable[P, R]:
 
 @contextmanager
 def own_modes(device: torch.device | None = None) -> Iterator[None]:
-    """No autocast on the CPU and on a device, the CPU as default device, and torch in one thread.
+    """Run without autocast, with the CPU as default device, and with torch in one thread.
 
-    Autocast would round to 8 or 11 bits, and only in the thread in which it is switched on.
+    Autocast is off on the CPU and on `device`: it would round to 8 or 11 bits, and only in the
+    thread in which it was switched on.
     """
     kinds = {"cpu", device.type if device else "cpu"}
     with ExitStack() as modes:
@@ -82,7 +89,7 @@ def own_modes(device: torch.device | None = None) -> Iterator[None]:
 
 
 class _Threads(threading.local):
-    """Whether a thread is in `own_modes`, and the callers' number of threads in the process."""
+    """State of `_one_thread`: `alone` is kept per thread, the other attributes per process."""
 
     lock = threading.Lock()
     inside = 0  # calls of all threads that have not returned yet
@@ -95,11 +102,11 @@ _THREADS = _Threads()
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Set torch to one thread for each operation, and back to the caller's number afterwards.
+    """Run each torch operation in one thread, then restore the caller's number of threads.
 
-    There are thousands of small operations: threads that share one would wait for each other, up to
-    18 times as long as the operation takes. torch keeps a number for each thread and one for new
-    threads; the last call that returns restores that one.
+    There are thousands of small operations: threads that share an operation wait for each other, up
+    to 18 times as long as it takes. torch keeps a number for each thread, and a number for new
+    threads, which the last context to end restores.
     """
     if _THREADS.alone:
         yield
@@ -120,7 +127,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
-    """The same work, repeated by a backward pass where gradients are enabled.
+    """`work`, which the backward pass computes again; unchanged if gradients are disabled.
 
     The backward pass then holds the tensors of one piece of work at a time (Chen et al. 2016).
     """
@@ -141,19 +148,19 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
 
 
 def refuse_second_derivatives(gradient: Tensor) -> None:
-    """Refuse a backward pass that is recorded; a hook of rendered tensors."""
+    """Raise ValueError in a backward pass with create_graph=True; a hook of rendered tensors."""
     if torch.is_grad_enabled():
         problem = "what is rendered has no second derivatives"
         raise ValueError(f"create_graph must be False, got True; {problem}")
 
 
 def recorded_for(*given: object) -> AbstractContextManager[None]:
-    """Enable gradients if the caller has, and any of the given tensors or options needs one."""
+    """Enable gradients if the caller has them enabled and any of the given objects requires one."""
     return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))
 
 
 def requires_grad(given: object) -> bool:
-    """Whether a tensor needs a gradient, or one in a tuple, or an attribute of an object."""
+    """Whether a tensor, or any tensor in a tuple, list or object, requires a gradient."""
     if isinstance(given, Tensor):
         return given.requires_grad
     if isinstance(given, tuple | list):

@@ -1,8 +1,8 @@
-"""Choices whose gradient, and thresholds whose outcome, do not depend on rounding.
+"""Choices and thresholds whose results and gradients do not depend on rounding.
 
-Depth of few levels steps by round numbers of px: `off_round` keeps thresholds beside them. Values
-that differ by rounding alone tie, whatever the order of sums, the device or the tile; the gradient
-at a tie is that of both values, or of the intended one.
+Differences of quantised depth are often round numbers of px: `off_round` moves thresholds beside
+them. Values that differ only by rounding count as equal, whatever the order of sums, the device or
+the tile; where two values are equal, the gradient is that of both, or of the intended one.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ _ROUNDINGS, _LEAST = 8, 2e-14
 
 
 def off_round(bound: float) -> float:
-    """A threshold slightly above a round number, by 0.013 of its power of ten."""
+    """A threshold slightly above a round number, by 0.013 of its power of ten: 0.2513 for 0.25."""
     return round(bound + 0.013 * 10.0 ** math.floor(math.log10(bound)), 9)
 
 
 def tied(a: Tensor, b: Tensor | float) -> Tensor:
-    """Whether values of two tensors are equal but for rounding: bool."""
+    """Whether the values of `a` and `b` are equal except for rounding: bool."""
     a = a.detach()
     difference = a - (b.detach() if isinstance(b, Tensor) else b)
     tolerance = max(_ROUNDINGS * torch.finfo(a.dtype).eps, _LEAST)
@@ -30,5 +30,5 @@ def tied(a: Tensor, b: Tensor | float) -> Tensor:
 
 
 def with_gradient(values: Tensor, of: Tensor) -> Tensor:
-    """The values, with the gradient of `of`, which equals the values but for rounding."""
+    """`values` with the gradient of the tensor `of`, which is equal except for rounding."""
     return values.detach() + (of - of.detach())

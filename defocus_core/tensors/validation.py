@@ -1,4 +1,7 @@
-"""Validation of arguments: numbers and tensors, named in errors."""
+"""Checks of numbers and tensors that are given as arguments.
+
+`name` is the name of the argument in error messages, `remedy` their advice.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ _LETTERS = 60
 
 
 def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
-    """The value as an int of at least `minimum`; 3.0 is accepted as 3."""
+    """`value` as an int, checked to be at least `minimum`; 3.0 is accepted as 3."""
     number = int(value) if isinstance(value, float) and value.is_integer() else value
     try:
         if isinstance(value, bool):
@@ -31,7 +34,7 @@ def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
 
 
 def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
-    """The value of a number or a one-element tensor, as a float."""
+    """`value`, a number or a one-element tensor, as a float."""
     try:
         if isinstance(value, str | bytes | complex | bool):
             raise TypeError
@@ -41,7 +44,7 @@ def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
 
 
 def positive(name: str, value: Any, remedy: str) -> float:
-    """The value of a number above 0 and finite, as a float."""
+    """`value`, a number or a one-element tensor, as a float, checked to be positive and finite."""
     size = number(name, value, remedy)
     if not 0 < size < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {size:g}; {remedy}")
@@ -49,7 +52,7 @@ def positive(name: str, value: Any, remedy: str) -> float:
 
 
 def each_positive(name: str, value: Any, remedy: str) -> None:
-    """Refuse numbers that are not positive and finite: a scalar, or one for each picture [B]."""
+    """Raise ValueError unless a number, or each number of a tensor [B], is positive and finite."""
     if not (isinstance(value, Tensor) and value.dim() == 1 and len(value) > 1):
         positive(name, value, remedy)
         return
@@ -65,7 +68,10 @@ def numbers(
     device: torch.device,
     remedy: str = "lengths are in mm, without a unit",
 ) -> Tensor:
-    """A tensor of at least float32; plain numbers get the dtype and the device."""
+    """A number or tensor as a floating-point tensor of at least 32 bits.
+
+    A tensor stays on its device; anything else becomes a tensor on `device` of at least `dtype`.
+    """
     wide = dtype if dtype.itemsize >= 4 else torch.float32
     try:
         tensor = (
@@ -83,7 +89,7 @@ def numbers(
 
 
 def backward_only(name: str, value: Any) -> None:
-    """Refuse meta tensors, and those of torch.func, forward derivatives or vmap."""
+    """Raise ValueError for meta tensors and tensors of torch.func, vmap or forward derivatives."""
     if not isinstance(value, Tensor):
         return
     if type(value) is torch.Tensor and value.is_meta:
@@ -100,14 +106,14 @@ def backward_only(name: str, value: Any) -> None:
 
 
 def flag(name: str, value: Any) -> bool:
-    """The value, checked to be True or False."""
+    """`value`, checked to be True or False."""
     if isinstance(value, bool):
         return value
     raise ValueError(f"{name} must be True or False, got {described(value)}; bool() makes it one")
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """The value, checked to be one of the choices."""
+    """`value`, checked to be one of the choices."""
     if isinstance(value, str) and value in choices:
         return value
     instead = remedy("value", value, name.replace("_", "-"))
@@ -118,7 +124,7 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
 
 
 def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:
-    """The two sides, checked to be a width and a height."""
+    """`sides`, checked to be (width, height)."""
     try:
         width, height = sides
     except (TypeError, ValueError):
@@ -129,7 +135,7 @@ def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:
 
 
 def device_named(named: torch.device | str | None) -> torch.device:
-    """The device of that name; for None a CUDA device if there is one, else the CPU."""
+    """The torch device of a name; None for a CUDA device if there is one, else the CPU."""
     if named is None:
         named = "cuda" if torch.cuda.is_available() else "cpu"
     try:
@@ -147,16 +153,16 @@ def device_named(named: torch.device | str | None) -> torch.device:
 
 
 def floating(dtype: Any) -> torch.dtype:
-    """The dtype, checked to be a floating-point type."""
+    """`dtype`, checked to be a floating-point dtype of torch."""
     if isinstance(dtype, torch.dtype) and dtype.is_floating_point:
         return dtype
     raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
 
 
 def check_image(image: Any, *, alone: bool = False) -> None:
-    """Refuse an image that is no batch [B, C, H, W] of floats of 16 bits or more.
+    """Raise ValueError unless `image` is a batch [B, C, H, W] of floats of 16 bits or more.
 
-    `alone`: whether one image [C, H, W] is accepted, too.
+    `alone`: whether a single image [C, H, W] is accepted, too.
     """
     is_tensor = isinstance(image, Tensor)
     floats = is_tensor and image.is_floating_point() and image.dtype.itemsize > 1
@@ -179,7 +185,7 @@ def check_image(image: Any, *, alone: bool = False) -> None:
 
 
 def maps_of(name: str, maps: Tensor, image: Tensor) -> Tensor:
-    """The maps [B, H, W] of a batch of images [B, C, H, W]: depths, or radii.
+    """Depth or radius maps of images [B, C, H, W], reshaped to [B, H, W].
 
     `maps`: [B, 1, H, W] or [B, H, W]; for a single image also [H, W].
     """
@@ -202,16 +208,17 @@ def maps_of(name: str, maps: Tensor, image: Tensor) -> Tensor:
 
 
 def depth_maps(image: Tensor, depth: Any, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """The depth [B, H, W] of a batch of images.
+    """The depth of images [B, C, H, W], as a tensor [B, H, W].
 
-    `image`: [B, C, H, W]; `depth`: as of `maps_of`.
+    `depth`: a tensor or numbers of a shape that `maps_of` accepts; numbers get `dtype` and
+    `device`.
     """
     check_image(image)
     return maps_of("depth", numbers("depth", depth, dtype, device), image)
 
 
 def described(value: Any) -> str:
-    """A value as an error shows it, with type and shape if it has them."""
+    """A value as text for error messages: dtype and shape of an array, else its shortened repr."""
     if hasattr(value, "shape") and hasattr(value, "dtype") and tuple(value.shape):
         kind = "" if isinstance(value, Tensor) else f"{type(value).__name__} of "
         return f"{kind}{value.dtype} {list(value.shape)}"
@@ -220,7 +227,7 @@ def described(value: Any) -> str:
 
 
 def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
-    """The error for invalid distances."""
+    """The error for depths that are not `good`, which shows the first of them and their number."""
     bad = depth.detach()[~good].flatten()
     return ValueError(
         f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
@@ -229,13 +236,13 @@ def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError
 
 
 def broadcast(first: torch.Size, second: torch.Size) -> bool:
-    """Whether tensors of these shapes can be combined by broadcasting."""
+    """Whether two shapes can be broadcast to one."""
     pairs = zip(reversed(first), reversed(second), strict=False)
     return all(a == b or 1 in (a, b) for a, b in pairs)
 
 
 def distance_within(name: str, limits: Any, z: Tensor) -> Tensor:
-    """Whether distances z in mm lie within limits (nearest, farthest) in mm, inclusive: bool."""
+    """Where distances z in mm lie within the limits (nearest, farthest) in mm, inclusive: bool."""
     wanted = f"{name} must be (nearest, farthest) in mm, got {described(limits)}; None is no range"
     if not (isinstance(limits, Sequence) and len(limits) == 2):
         raise ValueError(wanted)

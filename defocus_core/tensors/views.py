@@ -1,4 +1,4 @@
-"""Views of a picture through the whole lens and its halves, with their trust.
+"""Views of a picture, through the whole aperture and through its halves, with their trust.
 
 One class holds the views of a tile, a region, a picture or a batch of pictures.
 """
@@ -16,11 +16,11 @@ class ViewTensors(NamedTuple):
     """The views of a picture, of a part of a picture, or of a batch of pictures.
 
     Attributes:
-        images: The centre, or the centre, left and right, [..., C, h, w] each.
-        trust: [..., 1, h, w], the share of the aperture that saw pixels of the scene, visible or
-            known to be hidden: 1 where nothing was invented and nothing lies beyond the frame.
-        stats: Counts of work done and work skipped.
-        box: The place of the views in the frame.
+        images: The centre image, or the centre, left and right images, each [..., C, h, w].
+        trust: [..., 1, h, w], the share of the aperture that sees content of the scene, visible or
+            known to be hidden: 1 where nothing invented and nothing beyond the frame is seen.
+        stats: Counts of work done and work skipped, by name.
+        box: The rectangle of the frame that the views cover.
     """
 
     images: Sequence[Tensor]
@@ -35,16 +35,16 @@ class ViewTensors(NamedTuple):
 
     @property
     def left(self) -> Tensor | None:
-        """The image through the lens half u.x < 0; None without a pair."""
+        """The image through the lens half u.x < 0; None if only the centre was rendered."""
         return self.images[1] if len(self.images) > 1 else None
 
     @property
     def right(self) -> Tensor | None:
-        """The image through the lens half u.x >= 0; None without a pair."""
+        """The image through the lens half u.x >= 0; None if only the centre was rendered."""
         return self.images[2] if len(self.images) > 1 else None
 
     def to(self, dtype: torch.dtype) -> ViewTensors:
-        """The views in another precision; values beyond half precision are set to its greatest."""
+        """The views converted to `dtype`; for float16, images are clamped to its finite range."""
         images = self.images
         if dtype == torch.float16:
             maximum = torch.finfo(dtype).max
@@ -54,7 +54,7 @@ class ViewTensors(NamedTuple):
         )
 
     def crop(self, box: Box) -> ViewTensors:
-        """The part of the views that lies in a box of the frame, without counts."""
+        """The part of the views in `box`, a rectangle of the frame; its `stats` are empty."""
         window = box.seen_from(self.box)
         return ViewTensors(
             [window.crop(image) for image in self.images], window.crop(self.trust), {}, box
@@ -62,7 +62,7 @@ class ViewTensors(NamedTuple):
 
 
 def assemble(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
-    """The views of a whole picture, joined from rows of views that lie side by side."""
+    """The views of a whole picture, joined from rows of adjacent parts."""
     parts = [part for row in rows for part in row]
     first, last = parts[0].box, parts[-1].box
     kinds = range(len(parts[0].images))
@@ -89,13 +89,13 @@ def batch(pictures: Sequence[ViewTensors]) -> ViewTensors:
 
 
 def no_pictures(pixels: Tensor, kinds: int) -> ViewTensors:
-    """The views of an empty batch [0, C, H, W], with `kinds` images."""
+    """The views of an empty batch `pixels` [0, C, H, W]; `kinds` is the number of images."""
     box = Box(0, 0, *pixels.shape[-2:])
     return ViewTensors([pixels.clone() for _ in range(kinds)], pixels[:, :1].clone(), {}, box)
 
 
 def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
-    """The sums of counts by name."""
+    """The counts of all dictionaries, summed by name."""
     total: dict[str, int] = {}
     for each in counts:
         total |= {name: total.get(name, 0) + count for name, count in each.items()}
@@ -103,16 +103,17 @@ def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
 
 
 def _assembled(rows: list[list[Tensor]]) -> Tensor:
-    """One picture [..., H, W], joined from rows of pictures [..., h, w] side by side."""
     return torch.cat([torch.cat(row, -1) for row in rows], -2)
 
 
 def of_channels(
     colors: list[ViewTensors], offsets: list[tuple[list[int], float | Tensor]]
 ) -> ViewTensors:
-    """The views of all channels in order, from renderings of some; the trust is the least.
+    """The views of all channels, joined from renderings of some channels each.
 
-    `offsets`: the channels of each rendering, and the px that were added to the radii for it.
+    The trust is the least of the renderings.
+
+    `offsets`: for each rendering, its channels and the px that were added to the radii.
     """
     order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
     images = [

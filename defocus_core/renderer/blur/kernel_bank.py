@@ -1,7 +1,7 @@
 """The kernel bank: sampled kernels, their spectra, and the Fourier windows of slices.
 
-A tile is blurred within a window of a length that transforms fast, at least tile + 2 reach, so that
-the circular transform wraps around outside the tile.
+A tile is blurred within a window of at least tile + 2 reach px, rounded up to a length with a fast
+transform, so that the circular convolution wraps around outside the tile.
 """
 
 from __future__ import annotations
@@ -28,14 +28,18 @@ _MAX_KERNELS = 256
 
 
 def reach(radius: float, limit: int) -> int:
-    """The reach of a slice's kernel in px: 0 if it is a delta, `limit` at most."""
+    """The distance in px from the middle of a slice's kernel to its last pixel, at most `limit`.
+
+    It is 0 if the kernel is a single pixel.
+    """
     return 0 if abs(radius) <= 0.5 else min(math.ceil(abs(radius) - 0.5), limit)
 
 
 def _transform_lengths(limit: int) -> list[int]:
     """Multiples of 16 of the form 2^a 3^b 5^c 7^d with b <= 2 and c, d <= 1.
 
-    Transforms of these lengths are up to 1.6 times as fast per sample as those of lengths nearby.
+    Transforms of these lengths are up to 1.6 times as fast per sample as transforms of similar
+    length.
     """
     odd = [3**b * 5**c * 7**d for b in range(3) for c in range(2) for d in range(2)]
     powers = [2**a for a in range(4, limit.bit_length() + 1)]
@@ -46,7 +50,7 @@ _LENGTHS = _transform_lengths(1 << 20)
 
 
 def transform_length(n: int) -> int:
-    """The least length of at least n px that transforms fast."""
+    """The least length of at least n px for which Fourier transforms are fast."""
     return _LENGTHS[bisect_left(_LENGTHS, n)]
 
 
@@ -59,9 +63,11 @@ def kernels(
     views: Sequence[Rim] = (),
     leaning: bool = False,
 ) -> Tensor:
-    """Kernels of all parts, in the middle of a square.
+    """Sampled kernels of all parts of the pupil, each centred in a square.
 
-    Returns [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
+    Returns [K, 1, M, S, S] with S = 2 extent + 1, for each radius and part, with each point of
+    `views` if any. If `leaning`, [K, 3, M, S, S]: kernels, kernels times u.x, and kernels times
+    u.y.
     """
     view = Rim.concatenate(views) if views else None
     # a region keeps its own
@@ -78,7 +84,7 @@ def kernels(
 def _kernel(
     radius: float, extent: int, aperture: Aperture, part: Part, view: Rim | None, leaning: bool
 ) -> Tensor:
-    """The kernels of one part, [1 or 3, V, S, S] for V points of a view, 1 without any.
+    """The kernels [1 or 3, V, S, S] of one part, as in `kernels`; V points of a view, else 1.
 
     They are cached, as all frames use the same radii.
     """
@@ -92,11 +98,11 @@ def _kernel(
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
-    """Transforms [..., height, width // 2 + 1] of kernels, centred on pixel (0, 0).
+    """Fourier transforms [..., height, width // 2 + 1] of kernels, centred on pixel (0, 0).
 
-    `kernels`: [..., S, S], S an odd number; `window`: (height, width) of the transform, more than S
-    // 2 each. Offsets beyond it reach no sample that is computed, see `min_transform`, and are left
-    out.
+    `kernels`: [..., S, S], S an odd number; `window`: (height, width) of the transform, each more
+    than S // 2. Rows and columns of a kernel beyond the window affect no sample that is kept, and
+    are left out.
     """
     size = kernels.shape[-1]
     centred, nothing = kernels, kernels.new_zeros(())
@@ -115,11 +121,11 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
 
 
 def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
-    """The lens point u that blurs to each pixel: [2, S, S], x then y.
+    """The lens point u that sends light to each pixel of a kernel: [2, S, S], x then y.
 
-    u is offset / r, scaled to a mean square of 1/4 as over a round pupil, and less along an axis
-    that is squeezed: kernels sampled by area are 1/12 px² wider. u is at most 1 long, so that a
-    tilted kernel is never negative.
+    u is offset / r, reduced because kernels sampled by area are 1/12 px² wider: the mean of u times
+    offset is r / 4, as over a round pupil, and less along a squeezed axis. u is at most 1 long, so
+    that a tilted kernel is never negative.
     """
     offset = torch.arange(-extent, extent + 1, dtype=radius.dtype)
     across, down = (
@@ -133,10 +139,11 @@ def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
 def blurred(
     terms: list[tuple[Tensor, Tensor]], groups: list[slice], window: tuple[int, int], box: Box
 ) -> Tensor:
-    """The inverse transform of spectra times kernels' spectra, in a box: [M, C + 1, ..., h, w].
+    """Blurred pixels [M, C + 1, ..., h, w] in a box of the transform's window.
 
-    `terms`: spectra [C + 1, ...] and kernels' spectra [M, 1, ...]; `window`: (height, width) of the
-    transform.
+    `terms`: pairs of the spectrum of pixels [C + 1, ...] and the spectra of kernels [M, 1, ...],
+    whose products are summed; `groups`: parts that are computed at once; `window`: (height, width)
+    of the transform.
     """
     every = [slice(None)] if launches_cost(terms[0][0].device) else groups
     # on a CPU how many parts are computed together may change the last digits
@@ -145,14 +152,14 @@ def blurred(
 
 
 def _inverse(spectra: Tensor, window: tuple[int, int], box: Box) -> Tensor:
-    """The inverse transform in a box; along rows, only those in the box are transformed."""
+    """The inverse transform of spectra, cropped to a box; rows outside it are not transformed."""
     rows = torch.fft.ifft(spectra, dim=-2)[..., box.top : box.top + box.height, :]
     whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
     return whole[..., box.left : box.left + box.width]
 
 
 def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
-    """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
+    """The sum of spectra [C + 1, ...] times kernel spectra [M, 1, ...], for a group of m parts."""
     (spectrum, kernel), *others = terms
     total = spectrum * kernel[group]
     for spectrum, kernel in others:
@@ -165,7 +172,7 @@ _PLANES = 4
 
 
 class Spread(NamedTuple):
-    """The blur of a slice: its resolution and its reach."""
+    """How a slice is blurred: at which resolution, and how far its light reaches."""
 
     level: int  # how many times resolution is halved
     coarse: int  # reach of its kernel in pixels of that resolution
@@ -174,7 +181,7 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True)
 class TransformWindow:
-    """The transform that the slices of a layer share."""
+    """The Fourier transform that the slices of a layer share, with their kernels."""
 
     margin: int  # greatest reach of the slices in px; 0 if they are not blurred at all
     size: tuple[int, int]  # (height, width) of the transform
@@ -194,7 +201,7 @@ class TransformWindow:
 
     @property
     def requires_grad(self) -> bool:
-        """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
+        """Whether gradients flow to the pupil; spectra are then recomputed, not cached."""
         return self.aperture.requires_grad or requires_grad(self.views)
 
     def seen(self, views: Sequence[Rim]) -> TransformWindow:
@@ -204,14 +211,15 @@ class TransformWindow:
         return window
 
     def prepare(self) -> None:
-        """Draw kernels with gradients once, outside of what a backward pass recomputes."""
+        """Compute kernels with gradients once, outside of the work that a backward pass repeats."""
         for slice_index in self.slices if self.requires_grad and self.margin else ():
             self._kernels([slice_index], leaning=True)
 
     def spectrum(self, slice_index: int, *, leaning: bool = False) -> Tensor:
-        """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
+        """The spectra [M, 1, height, width // 2 + 1] of a slice's kernels.
 
-        If leaning, those of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...].
+        If `leaning`, [2, M, 1, ...]: the spectra of the kernels times u.x and times u.y, for tilted
+        surfaces.
         """
         spectrum = self.spectra.get((slice_index, leaning))
         if spectrum is not None:
@@ -225,7 +233,10 @@ class TransformWindow:
         return self.spectra[slice_index, leaning]
 
     def tilted(self, slopes: Mapping[int, tuple[float, float]]) -> dict[int, Tensor]:
-        """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
+        """The spectra [M, 1, ...] of the kernels of slices that are tilted planes, by slice.
+
+        `slopes`: for each slice, the slopes of its radius along x and y, in px per px.
+        """
         cached = {number: self.planes.setdefault(number, {}) for number in slopes}
         for known in cached.values() if self.requires_grad else ():
             known.clear()
@@ -243,13 +254,13 @@ class TransformWindow:
         return {number: cached[number][slope] for number, slope in slopes.items()}
 
     def _transformed(self, slice_indices: list[int], *, leaning: bool) -> Sequence[Tensor]:
-        """The spectra of some slices, as `spectrum` returns them."""
+        """The spectra of several slices, each as `spectrum` returns it."""
         versions = self._kernels(slice_indices, leaning=leaning)
         chosen = torch.stack([each[1:] if leaning else each[0] for each in versions])
         return kernel_spectra(chosen, self.size).unsqueeze(2 + leaning).unbind()
 
     def _kernels(self, slice_indices: list[int], *, leaning: bool) -> list[Tensor]:
-        """The kernels of some slices, each computed alone: a batch could change the last digits."""
+        """The kernels of slices, computed singly, since a batch could change the last digits."""
         versions = 3 if leaning else 1
         missing = [
             n for n in slice_indices if n not in self.kernels or len(self.kernels[n]) < versions
@@ -274,10 +285,12 @@ def transform_windows(
     like: Tensor,  # of the dtype and device of spectra
     stride: int,
 ) -> list[TransformWindow]:
-    """The window of each slice, one for each layer.
+    """The transform window of each slice; the slices of a layer share a window.
 
-    `side`: (height, width) in px of a tile, which is blurred at once at full resolution; `region`:
-    (height, width) in px of a region, which is blurred at once at reduced resolution.
+    `layers`: for each slice, the number of its layer; `side`: (height, width) in px of a tile,
+    which is blurred at once at full resolution; `region`: (height, width) in px of a region, which
+    is blurred at once at reduced resolution; `stride`: 1 if every slice is used, 2 for every other
+    slice.
     """
     sharing: dict[int, list[int]] = {}
     for k, slice_index in enumerate(layers):
@@ -299,10 +312,11 @@ def transform_windows(
 def spreads_of(
     radii: tuple[float, ...], layers: list[int], full_resolution: float, limit: int
 ) -> list[Spread]:
-    """The spread of each slice; slices of a layer are blurred at one resolution.
+    """The spread of each slice; the slices of a layer are blurred at the same resolution.
 
-    `radii`: radii of the slices in px; `full_resolution`: radius in px from which on resolution is
-    halved, and halved again at each doubling; `limit`: greatest reach in px, the size of the frame.
+    `radii`: radii of the slices in px; `layers`: for each slice, the number of its layer;
+    `full_resolution`: radius in px at which resolution is halved, and halved again at each doubling
+    of the radius; `limit`: greatest reach in px, the size of the frame.
     """
     minimum: dict[int, float] = {}
     for radius, slice_index in zip(radii, layers, strict=True):
@@ -321,7 +335,7 @@ def spreads_of(
 
 
 class Slicing(NamedTuple):
-    """The blur of the slices of visible or of invented surfaces."""
+    """How the slices of visible or of invented surfaces are blurred."""
 
     stride: int  # whether every slice (1) or every other (2) is used
     level: int  # how many times resolution is halved before the blur

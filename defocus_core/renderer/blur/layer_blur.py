@@ -1,8 +1,8 @@
-"""Slices of a surface blurred over a tile, and summed to layers in the Fourier domain.
+"""Slices of a surface, blurred over a tile and summed to layers in the Fourier domain.
 
 A disc many px wide blurs away fine detail. So slices of large radii are averaged to 1/2, 1/4, ...
-of the resolution, blurred over a whole region there, and interpolated by cubics (Keys 1981). Where
-the pupil changes over the frame, a pixel's blur is interpolated bilinearly between the blurs
+of the resolution, blurred there over a whole region, and interpolated by cubics (Keys 1981). Where
+the pupil changes over the frame, the blur of a pixel is interpolated bilinearly between the blurs
 at the corners of its region. Neighbouring regions share corners, so that no seam is left.
 """
 
@@ -31,7 +31,10 @@ CORNERS = 4
 
 
 def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
-    """One layer [m, C + 1, h, w], bilinear between those [4 m, C + 1, h, w] of four corners."""
+    """One layer [m, C + 1, h, w], interpolated bilinearly between four blurred versions.
+
+    `layer`: [4 m, C + 1, h, w] in `box`, each part blurred as at each corner of `region`.
+    """
     down, across = (
         ((torch.arange(side.first, side.end).to(layer) + 0.5 - whole.first) / whole.length).clamp(
             0, 1
@@ -57,7 +60,12 @@ class Reduced:
         core: Box,
         middle: tuple[Axis, Axis],
     ) -> None:
-        """Blur the slices of a layer."""
+        """Blur the slices of a layer.
+
+        `slices`: for each slice of the surface, its number in `window`; `tilted`: the slices with
+        tilted surfaces; `groups`: parts that are computed at once; `core`: the region; `middle`: of
+        the frame.
+        """
         self._middle, self._level, margin = middle, window.level, window.margin
         self._read = self._read_by(core)
         corner = self._read.top - margin, self._read.left - margin
@@ -78,19 +86,22 @@ class Reduced:
         self._layer = blurred(terms, groups, window.size, shown)
 
     def upsampled(self, box: Box) -> Tensor:
-        """The layer [M, C + 1, h, w] at full resolution in a box, counted from the first sample."""
+        """The layer [M, C + 1, h, w] at full resolution in `box`, a rectangle of the samples."""
         read = self._read_by(box)
         layer = read.seen_from(self._read).crop(self._layer)
         return resampled(layer, *(self._axis_weights(d, box, read, layer) for d in (0, 1)))
 
     def _read_by(self, box: Box) -> Box:
-        """The coarse pixels that the pixels of a box are interpolated from: two on each side."""
+        """The coarse pixels that cubic interpolation in `box` reads, two on each side."""
         down, across = self._middle
         coarse = down._replace(middle=0), across._replace(middle=0)
         return coarse_read(box, self._middle, coarse, self._level).enlarged(1)
 
     def _axis_weights(self, dim: int, pixels: Box, coarse: Box, like: Tensor) -> AxisWeights:
-        """The shares of coarse pixels of a rectangle in the pixels of another, along one axis."""
+        """The weights to interpolate the pixels of `pixels` from the coarse pixels of `coarse`.
+
+        `dim`: 0 for rows, 1 for columns; `like`: a tensor with the dtype and device of the weights.
+        """
         axis = self._middle[dim]
         place = position_of(pixels[dim], axis, axis._replace(middle=0), self._level)
         first, count = place - coarse[dim], coarse[dim + 2]
@@ -98,7 +109,7 @@ class Reduced:
 
 
 class ShownLayer(NamedTuple):
-    """A layer over a tile."""
+    """One layer as it is shown in one tile."""
 
     layer: Tensor  # [M, C + 1, h, w]
     # [m, C, h, w], sub-pixel shifts to add to the colours of left and right; None for no shifts
@@ -109,8 +120,8 @@ class Blur:
     """The blur of all slices of a surface, tile by tile.
 
     Attributes:
-        surface: The surface.
-        windows: The window of each of its slices.
+        surface: The surface, divided into slices.
+        windows: The transform window of each slice.
     """
 
     def __init__(
@@ -124,7 +135,11 @@ class Blur:
         *,
         by_corners: bool = False,
     ) -> None:
-        """Plan the surface for all tiles; blur its layers of reduced resolution."""
+        """Plan the blur of a surface for all tiles, and blur its layers of reduced resolution.
+
+        `groups`: parts that are computed at once; `middle`: of the frame; `by_corners`: whether the
+        pupil differs between the corners of the region.
+        """
         self._by_corners, self._stride, self._grid = by_corners, slicing.stride, grid
         each = CORNERS if by_corners else 1  # each part as the corners see it
         self._groups = [slice(each * group.start, each * group.stop) for group in groups]
@@ -150,7 +165,7 @@ class Blur:
                 )
 
     def tile_layers(self, index: int) -> dict[int, ShownLayer]:
-        """The layers of the surface over a tile: sums of blurred slices."""
+        """The layers of the surface in tile number `index`, by number: sums of blurred slices."""
         tile, shown, shifts = self._grid.tiles[index], dict[int, ShownLayer](), None
         for layer_index, numbers in groupby(self.surface.plan[index], self._layers.__getitem__):
             first, *others = numbers
@@ -172,7 +187,7 @@ class Blur:
         return shown
 
     def _blurred(self, window: TransformWindow, slice_indices: range, index: int) -> Tensor:
-        """A layer over a tile: [M, C + 1, h, w]."""
+        """A layer [M, C + 1, h, w] in tile number `index`, blurred at full resolution."""
         surface, tile = self.surface, self._grid.tiles[index]
         box = Box(tile.top - window.margin, tile.left - window.margin, *window.size)
         pixels = surface.members(slice_indices, box)
@@ -196,6 +211,6 @@ class Blur:
         return blurred(terms, self._groups, window.size, Box(margin, margin, *tile[2:]))
 
     def _sharp(self, _: TransformWindow, slice_indices: range, index: int) -> Tensor:
-        """A layer [M, C + 1, h, w] whose slices are not blurred; the same for all parts."""
+        """A layer [M, C + 1, h, w] whose slices are not blurred; all M parts are the same."""
         pixels = self.surface.members(slice_indices, self._grid.tiles[index]).sum(1)
         return pixels.expand(self._groups[-1].stop, *pixels.shape)

@@ -1,1 +1,1 @@
-"""The same picture by compiled loops (Numba), for the CPU without gradients."""
+"""The same rendering by compiled loops (Numba), for the CPU and without gradients."""

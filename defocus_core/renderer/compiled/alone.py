@@ -1,4 +1,4 @@
-"""Rendering and examination of tensors by compiled loops alone, without torch operations."""
+"""Rendering and examination of scenes by compiled loops alone, without torch operations."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from defocus_core.tensors.views import ViewTensors
 
 
 def views_alone(scene: Scene, settings: Settings) -> ViewTensors | None:
-    """The views of a picture by compiled loops alone; None if torch is needed."""
+    """The views of a scene, rendered by compiled loops alone; None if torch is needed."""
     if (
         not isinstance(scene, Surface)
         or not by_loops(scene)
         or scene.image.dtype != torch.float32
         or settings.psf_ks is not None
-        or not _is_seen(scene, settings)
+        or not _is_supported(scene, settings)
     ):
         return None
     from defocus_core.renderer.compiled.arrays import rendered_alone
@@ -37,8 +37,8 @@ def views_alone(scene: Scene, settings: Settings) -> ViewTensors | None:
 
 
 def needs_no_repair(surface: Surface, settings: Settings) -> bool:
-    """Whether compiled loops find that the depth of a surface needs no repair."""
-    if settings.depth_repair == "off" or not _is_seen(surface, settings):
+    """Whether compiled loops are certain that the depth of a surface needs no repair."""
+    if settings.depth_repair == "off" or not _is_supported(surface, settings):
         return False
     from defocus_core.renderer.compiled.arrays import is_clean, look_at
     from defocus_core.renderer.compiled.once import compile_once
@@ -49,13 +49,13 @@ def needs_no_repair(surface: Surface, settings: Settings) -> bool:
 
 
 def _arrays_of(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The colours [C, H, W] and the radii [H, W] of a surface."""
+    """The colours [C, H, W] and the signed radii [H, W] of a surface, as float32 arrays."""
     image, radius = (x.detach().float().contiguous().numpy() for x in surface.tensors[:2])
     return image, radius
 
 
-def _is_seen(surface: Surface, settings: Settings) -> bool:
-    """Whether compiled loops may look at the depth of a surface."""
+def _is_supported(surface: Surface, settings: Settings) -> bool:
+    """Whether compiled loops support the examination of a surface's depth."""
     asked = surface.matte, settings.edge_width, settings.decided
     is_single = surface.signed_radius.dtype == torch.float32
     return is_single and all(x is None for x in asked) and carries_surface(surface, settings)

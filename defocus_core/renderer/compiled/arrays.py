@@ -1,4 +1,4 @@
-"""Rendering of pictures as NumPy arrays by compiled loops, without torch."""
+"""Rendering of pictures that are NumPy arrays, by compiled loops without torch."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
 
 
 class Statistics(NamedTuple):
-    """Statistics of a picture that its rendering depends on, as of `engine.frame.Content`."""
+    """Statistics of a picture on which its rendering depends, as `engine.frame.Content`."""
 
     limits: tuple[float, float]  # least and greatest signed radius, px
     edges: bool  # whether surfaces hide others
@@ -45,12 +45,12 @@ class Statistics(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """The light that counts as 1, so that float32 holds all light, and its squares."""
+        """The light, a power of 2, that is scaled to 1 so that float32 holds all light squared."""
         return 2.0 ** math.floor(math.log2(self.limit)) if self.limit > 0 else 1.0
 
 
 class ArrayViews(NamedTuple):
-    """The views of a picture."""
+    """The views of a picture, as arrays."""
 
     images: NDArray[np.float32]  # [1 or 3, C, H, W] centre, left and right
     trust: NDArray[np.float32]  # [1, H, W]
@@ -58,12 +58,15 @@ class ArrayViews(NamedTuple):
 
 
 def look_at(radius: NDArray[np.float32]) -> DepthLook:
-    """The statistics of signed radii [H, W] in px."""
+    """Statistics of signed radii [H, W] in px, and whether the depth needs no repair."""
     return DepthLook(*look_at_depth(radius, reduction(radius.shape)))
 
 
 def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: DepthLook) -> bool:
-    """Whether the depth of a picture [C, H, W] certainly needs no repair."""
+    """Whether the depth of a picture [C, H, W] certainly needs no repair.
+
+    `radius`: signed radii [H, W] px; `seen`: their statistics.
+    """
     if not seen.clean or seen.step <= seen.hard:
         return seen.clean
     return len(image) == CHANNELS and not may_be_shifted(image, radius, np.float32(seen.hard))
@@ -72,7 +75,7 @@ def is_clean(image: NDArray[np.float32], radius: NDArray[np.float32], seen: Dept
 def rendered_alone(
     image: NDArray[Any], radius: NDArray[np.float32], settings: Settings
 ) -> ArrayViews | None:
-    """The views of a picture [3, H, W] with radii [H, W] px; None if torch must decide.
+    """The views of a picture [3, H, W] with signed radii [H, W] px; None if torch is needed.
 
     The settings must be supported, see `carries_settings`.
     """
@@ -99,7 +102,10 @@ def rendered_alone(
 
 
 def _is_cut(radius: NDArray[np.float32]) -> bool:
-    """Whether light from beyond the continued frame reaches the frame; radii [H, W] px."""
+    """Whether light reaches the frame from farther away than the frame is continued.
+
+    `radius`: signed radii [H, W] px.
+    """
     border = radius[:1], radius[-1:], radius[:, :1], radius[:, -1:]
     widest = max(float(np.abs(line).max()) for line in border)
     return widest > _WIDEST and _REACH * widest + _MORE > min(radius.shape)
@@ -112,9 +118,9 @@ def render_samples(
     settings: Settings,
     channels: slice,
 ) -> tuple[NDArray[np.float32], int]:
-    """The views [1 or 3, C + 1, H, W] of some channels, and the number of px below 0.
+    """The views [1 or 3, C + 1, H, W] of `channels`, and the number of negative pixels.
 
-    A view holds the colours and trust.
+    A view holds the C colours and then the trust. `lights`: as for `back.render`.
     """
     bounds = _bounds(statistics, channels.stop, settings)
     found, darker = back.render(
@@ -131,7 +137,11 @@ def render_samples(
 
 
 def counts_of(radius: NDArray[np.float32], darker: int, settings: Settings) -> dict[str, int]:
-    """The counts of a rendering of radii [H, W] px, of which `darker` px were below 0."""
+    """The counts of `ViewTensors.stats` for a rendered picture.
+
+    `radius`: signed radii [H, W] px; `darker`: number of pixels of left or right that were
+    negative.
+    """
     in_focus = int(np.count_nonzero(np.abs(radius) <= SHARP))
     counts = {"pixels": radius.size, "pixels_copied": in_focus, "tiles": 1}
     return counts | ({"pixels_clamped": darker} if settings.left_right else {})
@@ -140,7 +150,7 @@ def counts_of(radius: NDArray[np.float32], darker: int, settings: Settings) -> d
 def samples_of(
     image: NDArray[np.float32], radius: NDArray[np.float32], statistics: Statistics
 ) -> Samples:
-    """The surfaces of a picture [3, H, W] without highlights of radii [H, W] px."""
+    """The surfaces of a picture [3, H, W] without highlights, with signed radii [H, W] px."""
     unit, edges = statistics.unit, statistics.edges
     light = _few((1 + edges, radius.shape[0], 4 * radius.shape[1]))
     scale, limit = np.float32(1 / unit), statistics.limit / unit
@@ -156,7 +166,7 @@ def samples_of(
 
 
 def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Zeros in small pages of memory, allocated once written; those of NumPy are in huge pages."""
+    """Zeros in small memory pages, which are allocated when written; NumPy takes huge pages."""
     if math.prod(shape) < _MANY:
         return np.zeros(shape, np.float32)
     private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)
@@ -165,7 +175,7 @@ def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
 
 
 def _bounds(statistics: Statistics, count: int, settings: Settings) -> Bounds:
-    """The bounds of the views of a picture with `count` channels."""
+    """The limits of the values of rendered views with `count` channels."""
     unit, known = statistics.unit, statistics.channels[:count]
     others = [(statistics.minimum, math.inf)] * (count - len(known))
     least, greatest = np.array([*known, *others]).T / unit

@@ -1,4 +1,4 @@
-"""The compiled back: the views of a picture whose surfaces are known."""
+"""The compiled back: it renders the views of a picture whose surfaces are known."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from defocus_core.renderer.compiled.bands import BandInputs, Bounds, render_band
 from defocus_core.renderer.compiled.coarse import coarse_pixels
 from defocus_core.renderer.compiled.composite import order_of
 from defocus_core.renderer.compiled.openings import LOST, areas_below, lost_shifts, opening
-from defocus_core.renderer.compiled.reduced import EIGHTHS, CoarseLayers, spread_reduced
+from defocus_core.renderer.compiled.reduced import SUBPIXELS, CoarseLayers, spread_reduced
 from defocus_core.renderer.compiled.sight import farthest_seen, keep_in_frame
 from defocus_core.renderer.compiled.slots import Slots, slots_between
 from defocus_core.renderer.compiled.spread import room_of
@@ -57,11 +57,13 @@ def render(
     edges: bool,
     threads: int,
 ) -> tuple[NDArray[np.float32], int]:
-    """The views [1 or 3, C + 1, H, W] of a picture, colours and trust; the count of negative px.
+    """The views [1 or 3, C + 1, H, W] of a picture, and the number of negative pixels.
 
-    lights: [1 or 3, C, H, W] to add to each wanted view, or [1 or 3, C, 1, 0] for none;
-    outline: of the opening; min_slope: of the radius, px per px, below which a surface counts as
-    level; edges: whether surfaces hide others.
+    A view holds the C colours and then the trust.
+
+    lights: [1 or 3, C, H, W] to add to the views centre, left and right, or [1 or 3, C, 1, 0] for
+    none; outline: of the lens opening; min_slope: the slope of the radius, px per px, below which a
+    surface counts as level; edges: whether surfaces hide others.
     """
     light, radius = samples.light, samples.radius
     slots = slots_between(samples.range, samples.hidden and samples.hidden.range)
@@ -102,10 +104,13 @@ def render(
 def _reduced(
     surfaces: SlotSurfaces, hidden: HiddenSamples | None, slots: Slots, views: int, outline: Outline
 ) -> CoarseLayers:
-    """The layers with wide discs and the hidden surfaces, spread at reduced resolution."""
+    """The layers of wide discs and the hidden surfaces, blurred at reduced resolution.
+
+    views: 2 if left is rendered too, else 1.
+    """
     levels = slots.levels.tolist()
     coarse = coarse_pixels(surfaces.radius.shape[1:], max(levels))
-    origins = np.rint(coarse.origin * EIGHTHS).astype(np.int64)
+    origins = np.rint(coarse.origin * SUBPIXELS).astype(np.int64)
     steps = 1 << np.arange(len(origins))
     place = np.column_stack([coarse.length, steps, origins])[slots.levels]
     sizes = np.where(slots.levels > 0, 4 * views * place[:, 0] * place[:, 1], 0)

@@ -1,4 +1,4 @@
-"""A band of rows of a picture: its layers are spread, summed and composited row by row."""
+"""Rendering of a band of rows: layers are spread over their discs and composited row by row."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ F32 = np.float32
 
 
 class Bounds(NamedTuple):
-    """Bounds of the views of a picture, see `compositing/saturating_sum.py`."""
+    """Limits of the values of views, see `compositing/saturating_sum.py`."""
 
     # [C, 4] least and greatest value of each channel, widened for rounding, then those of left and
     # right, which are wider
     range: NDArray[np.float32]
     minimum: float  # least light
     negative: float  # light below which a pixel of left or right is counted as negative
-    left: float  # the share of left in the light of left and right
-    apart: float  # the difference of left and right, as a share of that without crosstalk
+    left: float  # the left half's share of the area of the aperture
+    apart: float  # difference of left and right, divided by that without crosstalk
 
 
 class BandInputs(NamedTuple):
@@ -34,8 +34,8 @@ class BandInputs(NamedTuple):
     surfaces: SlotSurfaces
     reduced: CoarseLayers
     steps: NDArray[np.int64]  # the order of slots, see `composite`
-    sides: NDArray[np.int64]  # [slots] the side of focus, see `composite_row`
-    needed: NDArray[np.uint8]  # [slots] the nearest slot that the lens must see for each to show
+    sides: NDArray[np.int64]  # [slots] side of focus, see `composite_row`
+    needed: NDArray[np.uint8]  # [slots] the least `sight` at which each slot shows
     sight: NDArray[np.uint8]  # [H, W] the farthest slot seen, or [1, 0] if nothing limits it
     lights: NDArray[np.float32]  # [views, C, H, W] to add, or [views, C, 1, 0]
     bounds: Bounds
@@ -43,7 +43,7 @@ class BandInputs(NamedTuple):
 
 @compiled
 def _take_all(surfaces, reduced, shares, left, y, room, coarse):
-    """Write row y of all slots to `room.sums`; left: the share of the left half."""
+    """Write row y of all layers to `room.sums`; left: the left half's share of the aperture."""
     take_rows(room, y)
     add_points(surfaces, y, shares, room)
     sums, ends, right = room.sums, room.ends, F32(1 - left)
@@ -63,7 +63,10 @@ def _clamped(value, least, greatest):
 
 @compiled
 def finish_centre(front, lights, bounds, out):
-    """Write the colours and the trust of a row to out [C + 1, W]."""
+    """Write the colours and the trust of a row of the centre view to out [C + 1, W].
+
+    front: [5, W], the composited row, see `composite`; lights: [C, W] to add, or [C, 0] for none.
+    """
     count = out.shape[0] - 1
     for x in range(front.shape[1]):
         full = max(front[3, x], F32(1e-6))
@@ -77,10 +80,10 @@ def finish_centre(front, lights, bounds, out):
 
 @compiled
 def finish_pair(left, right, of_left, of_right, centre, bounds, counted):
-    """Correct left and right of a row so that their mean is the centre.
+    """Correct a row of left and right so that their mean, weighted by area, is the centre.
 
-    left, right: [C, W], overwritten; of_left, of_right: lights [C, W], or none; centre: [C, W].
-    Returns how many pixels were negative, which `counted` [W] marks.
+    left, right: [C, W], overwritten; of_left, of_right: lights [C, W] to add, or [C, 0] for none;
+    centre: [C, W]. Returns the number of pixels that were negative, which `counted` [W] marks.
     """
     found = 0
     counted[:] = 0
@@ -114,9 +117,10 @@ def finish_pair(left, right, of_left, of_right, centre, bounds, counted):
 
 @entry
 def render_band(given, opening, room, band, out):
-    """Render the rows [band[0], band[1]) of a picture: out [views, C + 1, H, W], last trust.
+    """Render the rows [band[0], band[1]) of a picture into out [views, C + 1, H, W].
 
-    Returns the number of pixels of left and right that were negative.
+    The last channel is the trust. Returns the number of pixels of left and right that were
+    negative.
     """
     surfaces, reduced, steps, sides, needed, sight, lights, bounds = given
     width, colors = out.shape[3], out.shape[1] - 1

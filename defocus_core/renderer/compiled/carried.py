@@ -1,4 +1,4 @@
-"""Scenes and settings that the compiled back supports. The module does not import Numba."""
+"""Which scenes and settings the compiled back supports, told without importing Numba."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def available() -> bool:
 def carries(frame: SharedFrame, scene: InFocus) -> bool:
     """Whether the compiled back supports a scene and its settings.
 
-    Not supported: gradients, other devices, float64, qualities but the standard, an exact number of
-    slices, tiles of a given side, openings with a hole or uneven light, photodiodes that see more
-    than a half of the lens, cat's eyes, layers, and blur much wider than the frame. A plane is left
-    to torch, for which it is one convolution.
+    Not supported: gradients, other devices, float64, qualities other than standard, an exact number
+    of slices, tiles of a given side, openings with a hole or uneven light, photodiodes that see
+    more than half of the lens, cat's eyes, layers, and blur much wider than the frame. A plane is
+    left to torch, which renders it by one convolution.
     """
     is_plane = plane_of(*frame.content.limits) is not None
     whole = scene.layers is None and not is_plane and not frame.cut
@@ -46,7 +46,7 @@ def carries(frame: SharedFrame, scene: InFocus) -> bool:
 
 
 def carries_surface(surface: Surface, settings: Settings) -> bool:
-    """Whether the compiled back supports a surface, whatever its radii."""
+    """Whether the compiled back supports a surface and the settings; radii are not examined."""
     return (
         carries_settings(settings)
         and not any(x.dtype == torch.float64 for x in surface.tensors[:2])
@@ -55,7 +55,7 @@ def carries_surface(surface: Surface, settings: Settings) -> bool:
 
 
 def carries_settings(settings: Settings) -> bool:
-    """Whether the compiled back supports the settings, whatever the picture."""
+    """Whether the compiled back supports the settings; no picture is examined."""
     return bool(
         settings.back == "auto"
         and settings.quality == "standard"
@@ -84,9 +84,10 @@ def bytes_of_loops(
     lights: bool = False,
     others: bool = False,
 ) -> float:
-    """Upper bound of the bytes to render (height, width) px, without input and output.
+    """Upper bound of the memory in bytes that compiled loops need, without input and output.
 
-    `others`: whether torch finds the surfaces.
+    `size`: (height, width) of the picture; `edges`: whether surfaces hide others; `lights`: whether
+    there are highlights; `others`: whether torch finds the surfaces.
     """
     height, width = size
     pair = settings.left_right
@@ -96,27 +97,27 @@ def bytes_of_loops(
 
 
 def _has_halves(dual_pixel: DualPixel) -> bool:
-    """Whether left and right are each the view of half the lens, without a gradient."""
+    """Whether left and right are exact halves of the lens, and their separation has no gradient."""
     return dual_pixel.halves == (LEFT, RIGHT) and isinstance(dual_pixel.separation, float)
 
 
 def by_loops(surface: Surface) -> bool:
-    """Whether compiled loops, not torch, find the surfaces of a picture without highlights.
+    """Whether compiled loops can find the surfaces of a picture if it has no highlights.
 
-    The picture must have three colours and no matte.
+    They can if it has three channels and no matte; else torch finds the surfaces.
     """
     return len(surface.image) == CHANNELS and surface.matte is None
 
 
 def _is_even(aperture: Aperture) -> bool:
-    """Whether the light of an opening is even, and each row of it one span."""
+    """Whether the light of an opening is even, and each of its rows is a single span."""
     spherical = aperture.spherical
     even = not isinstance(spherical, Tensor) and spherical == 0 and aperture.psf_type == "pillbox"
     return even and has_spans(aperture.outline)
 
 
 def _needs_torch(tensors: list[Tensor]) -> bool:
-    """Whether tensors are on another device, or want a gradient."""
+    """Whether any tensor is on another device than the CPU, or requires a gradient."""
     return not all(x.is_cpu for x in tensors) or (
         torch.is_grad_enabled() and any(x.requires_grad for x in tensors)
     )

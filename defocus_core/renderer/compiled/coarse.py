@@ -1,4 +1,4 @@
-"""Places of the coarse pixels of half the resolution, a quarter, and so on.
+"""Positions of coarse pixels at half the resolution, a quarter, and so on.
 
 They are symmetric about the middle of the frame, as in `tensors/pyramid.py`.
 """
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 
 class Coarse(NamedTuple):
-    """The coarse pixels of all levels, the frame itself first, down and across."""
+    """The coarse pixels of each level, down and across; level 0 is the frame itself."""
 
     length: NDArray[np.int64]  # [levels, 2]
     before: NDArray[np.int64]  # [levels, 2] pixels missing before the first one of the finer level
-    odd: NDArray[np.int64]  # [2] whether one is a pixel and half of both neighbours, not two pixels
-    origin: NDArray[np.float64]  # [levels, 2] the place of pixel 0 of the frame among them
+    odd: NDArray[np.int64]  # [2] whether a coarse pixel is a pixel and half of each neighbour
+    origin: NDArray[np.float64]  # [levels, 2] position of pixel 0 of the frame, in coarse pixels
 
 
 def coarse_pixels(size: tuple[int, ...], levels: int) -> Coarse:
-    """The levels of a frame (height, width)."""
+    """The coarse pixels of levels 0 to `levels` of a frame of `size` (height, width)."""
     length, middle = np.array(size), np.array(size) // 2
     odd, origin = length % 2, np.zeros(2)
     every = [(length, 0 * length, origin)]

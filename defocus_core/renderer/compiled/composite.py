@@ -1,6 +1,6 @@
 """Layers of a row composited front to back, in the order of `engine/layer_order.py`.
 
-The order is a list of steps. Rows are planes [5, W]: three colours times coverage, coverage, and
+The order is a list of steps. A row is an array [5, W]: three colours times coverage, coverage, and
 the coverage that is invented.
 """
 
@@ -23,9 +23,10 @@ _BRIGHT = 0.497  # coverage of the brightest light there is, which is less than 
 
 
 def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int64]:
-    """The steps [n, 2] of layers, and of hidden octaves between them.
+    """The compositing steps [n, 2]: kinds of steps, and numbers of slots.
 
-    slots: least radius of each visible slot in px, nearest first; octaves: the slot of each.
+    slots: least radius of each visible slot in px, nearest first; octaves: for each octave of
+    hidden content, the number of its slot.
     """
     near = [k for k, r in enumerate(slots) if r <= -ALONE]
     far = [k for k, r in enumerate(slots) if r >= ALONE]
@@ -56,10 +57,11 @@ def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int6
 
 @compiled
 def add_behind(front, layer, first, last, invented, sight, needed):
-    """Composite a layer behind a row, where the lens sees that far.
+    """Composite a layer [4, W] behind the row `front` [5, W] where the lens sees that far.
 
-    invented: 1 for an invented layer, else 0; sight: [W] the farthest slot seen, or empty if
-    nothing limits it.
+    first, last: its first and last pixel; invented: 1 for an invented layer, else 0; sight: [W] the
+    farthest slot seen, empty if sight is not limited; needed: the least sight at which the layer
+    shows.
     """
     limited = sight.shape[0] > 0
     for x in range(first, last + 1):
@@ -80,10 +82,11 @@ def add_behind(front, layer, first, last, invented, sight, needed):
 
 @compiled
 def set_aside(front, covered, before, aside):
-    """Set aside the layers nearer than focus, and continue with an uncovered row.
+    """Move the row with all layers nearer than focus to `aside`, and go on without these.
 
-    covered: [W] coverage nearer than focus; before: [W] all coverage before the hidden layers;
-    aside: [6, W] the row, and the coverage with which the compositing continues.
+    covered: [W] coverage by visible layers nearer than focus; before: [W] coverage before hidden
+    layers nearer than focus were added; aside: [6, W] the row, then the coverage that the new row
+    begins with.
     """
     for x in range(front.shape[1]):
         near = covered[x] + front[3, x] - before[x]
@@ -96,7 +99,7 @@ def set_aside(front, covered, before, aside):
 
 @compiled
 def close_gaps(front, aside):
-    """Close gaps that are small compared with the coverage set aside: they are numerical errors."""
+    """Close gaps in coverage that are so small, beside the coverage set aside, as to be errors."""
     for x in range(front.shape[1]):
         gap = max(F32(1) - front[3, x], F32(0))
         near = aside[3, x] - aside[5, x]
@@ -113,7 +116,7 @@ def close_gaps(front, aside):
 
 @compiled
 def put_together(front, aside):
-    """Composite the layers set aside over those composited since."""
+    """Composite the row set aside over the layers composited since then."""
     for x in range(front.shape[1]):
         coverage = front[3, x] - aside[5, x]
         room = F32(1) - aside[3, x]
@@ -127,11 +130,11 @@ def put_together(front, aside):
 
 @compiled
 def composite_row(steps, rows, ends, sides, sight, needed, front, room):
-    """Composite the rows [slots, 4, W] of a picture to `front` [5, W].
+    """Composite a row of all layers, `rows` [slots, 4, W], into `front` [5, W].
 
-    ends: [2, slots] first and last pixel of each row that is not 0, or -1; sides: [slots] of hidden
-    octaves -1 to 1, of others 2; sight: [W] or none, see `add_behind`; needed: [slots]; room:
-    [3, 6, W].
+    steps: of `order_of`; ends: [2, slots] first and last pixel of each layer that is not 0, or -1;
+    sides: [slots] side of focus of hidden octaves, -1 to 1, and 2 for others; sight: [W] or empty,
+    and needed: [slots], as for `add_behind`; room: [3, 6, W] scratch.
     """
     front[:] = 0
     covered, before, aside, whole = room[0, 0], room[0, 1], room[1], room[2]
@@ -158,7 +161,10 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
 
 @compiled
 def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
-    """All hidden octaves as one layer: sums on each side of focus; near covers far."""
+    """Write all hidden octaves to `whole` as one layer; return whether there are any.
+
+    The octaves on one side of focus are summed; nearer sides cover farther ones.
+    """
     found = False
     whole[:] = 0
     for side in range(-1, 2):

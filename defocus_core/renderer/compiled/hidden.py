@@ -1,8 +1,8 @@
 """Hidden parts of farther surfaces, invented as in `inpainting/hidden_layers.py`.
 
-Coarse pixels have two by two px. Cones around edges, in integer grains, decide which surface shows
-behind an edge (`inpainting/disocclusion.py`); its colour and radius are read from a pyramid, and
-along lines that lead there (`inpainting/coherence_transport.py`).
+Coarse pixels are 2 x 2 px. Cones around depth edges, in integer units called grains, decide which
+surface continues behind an edge (`inpainting/disocclusion.py`); its colour and radius are averaged
+from a pyramid, and colour is carried along lines (`inpainting/coherence_transport.py`).
 """
 
 from __future__ import annotations
@@ -37,10 +37,12 @@ _STEPS, _NORMAL = np.array(limits.LINE_STEPS), (1 + limits.UNCLEAR**2) ** 0.5 - 
 
 @entry
 def cones_at_edges(radius, grain, coarse):
-    """The surfaces at depth edges around coarse pixels, as cones, and whether there are edges.
+    """The cones of the farther surfaces at depth edges, on coarse pixels.
 
-    The first array [h, w] holds the greatest cone with the radius of its edge, the second minus the
-    distance in px of the closest edge with its radius. grain: px of one grain.
+    Returns two arrays [h, w] that each pack two numbers, and whether there are edges. Lower bits:
+    radius at an edge, in grains. Upper bits: in the first array the height of the highest cone, in
+    grains; in the second array minus the distance in px to the closest edge. grain: px of one
+    grain.
     """
     (height, width), found, odd, before = radius.shape, False, coarse.odd, coarse.before
     farthest = np.full((coarse.length[1, 0], coarse.length[1, 1]), np.int32(NOWHERE), np.int32)
@@ -70,7 +72,7 @@ def cones_at_edges(radius, grain, coarse):
 
 @compiled
 def _dilate(cones, fall):
-    """Spread cones to all sides; their upper bits fall from pixel to pixel."""
+    """Spread cones to all pixels, in place; their upper bits decrease by `fall` at each pixel."""
     h, w = cones.shape
     lowest = np.int32(NOWHERE)
     for k in range(2 * h):
@@ -87,7 +89,7 @@ def _dilate(cones, fall):
 
 @compiled
 def _least_of(radius, i, j, odd, before):
-    """The least radius of the pixels of a coarse pixel."""
+    """The least radius among the pixels of coarse pixel (i, j)."""
     height, width = radius.shape
     top, left = 2 * i - before[1, 0], 2 * j - before[1, 1]
     least = F32(np.inf)
@@ -99,10 +101,11 @@ def _least_of(radius, i, j, odd, before):
 
 @compiled
 def read_level(levels, n, y, x, around, border, ceiling):
-    """The mean of the surfaces around a place in px with radii in a range.
+    """The mean, around (y, x) in px, of surfaces on level `n` with radii from border to ceiling.
 
-    around: distance in px of two places on both sides, which are averaged. Returns three colours,
-    the radius and, if known, three values of structure, all times the weight, then the weight.
+    around: distance in px of the points on each side that are averaged; 0 for (y, x) alone. Returns
+    three colours, the radius, and three values of the structure tensor, 0 if unknown, all times the
+    weight, and last the weight.
     """
     values, limits = levels.values, levels.limits
     start, height, width = levels.size[n, 0], levels.size[n, 1], levels.size[n, 2]
@@ -138,7 +141,10 @@ def read_level(levels, n, y, x, around, border, ceiling):
 
 @compiled
 def _direction(tensor, color):
-    """The direction (y, x) in which the picture changes least, and how clear the direction is."""
+    """The direction (y, x) in which colours change least, and its coherence from 0 to 1.
+
+    tensor: structure tensor xx, xy, yy; color: the mean colour.
+    """
     xx, xy, yy = tensor
     flat = 1.2e-38 + limits.NO_SLOPE**2 * (color[0] ** 2 + color[1] ** 2 + color[2] ** 2)
     trace = xx + yy + flat
@@ -153,7 +159,10 @@ def _direction(tensor, color):
 
 @compiled
 def _first_beyond(half, i, j, y, x, border):
-    """The first coarse pixel along a direction with a radius above `border`; its distance in px."""
+    """The first coarse pixel from (i, j) in direction (y, x) with a radius above `border`.
+
+    Returns its flat index and its distance in px, which is infinite if there is none.
+    """
     height, width = half.size[0, 1], half.size[0, 2]
     for step in _STEPS:
         dy, dx = y * step / 2, x * step / 2
@@ -167,7 +176,11 @@ def _first_beyond(half, i, j, y, x, border):
 
 @compiled
 def _transport(half, i, j, border, smooth, tensor):
-    """The colours [4] transported along a line to a place, instead of those continued smoothly."""
+    """The three colours of coarse pixel (i, j), carried along the direction of least change.
+
+    smooth: colours and radius of the smooth continuation, used where there is no clear direction;
+    tensor: structure tensor xx, xy, yy.
+    """
     values, (y, x, coherence) = half.values, _direction(tensor, smooth)
     a, to_first = _first_beyond(half, i, j, y, x, border)
     b, to_second = _first_beyond(half, i, j, -y, -x, border)
@@ -190,9 +203,10 @@ def _transport(half, i, j, border, smooth, tensor):
 
 @compiled
 def _surface_at(half, levels, y, x, border, ceiling, directions):
-    """The farther surfaces around a place in px: colours and radius, structure, their weight.
+    """The mean of the surfaces around (y, x) in px with radii from `border` to `ceiling`.
 
-    directions: the number of levels whose structure is asked for.
+    directions: number of levels on which the structure tensor is summed. Returns three colours and
+    the radius, the structure tensor, and the weight.
     """
     c0, c1, c2, r, _, _, _, found = read_level(half, np.int64(0), y, x, 0.5, border, ceiling)
     own = min(found * limits.NEXT, 1.0)
@@ -218,10 +232,11 @@ def _surface_at(half, levels, y, x, border, ceiling, directions):
 
 @entry
 def continue_hidden(picture, cones, grain, coarse, half, levels, light, coarse_radius):
-    """Continue farther surfaces behind nearer ones: light [1, h, 4 w], coarse_radius [1, h, w] px.
+    """Continue farther surfaces behind nearer ones: write `light` and `coarse_radius`.
 
-    picture: as of `fill_levels`; cones: from `cones_at_edges`; half, levels: to be filled. Returns
-    the range of their radii; the least is the greater one if nothing is hidden.
+    picture: as for `fill_levels`; cones: from `cones_at_edges`; half, levels: are filled; light:
+    [1, h, 4 w]; coarse_radius: [1, h, w] px. Returns the least and the greatest radius of the
+    hidden surfaces; if nothing is hidden, the least exceeds the greatest.
     """
     (given, radius, limit), (farthest, closest) = picture, cones
     fill_levels(given, radius, limit, coarse, half, levels)

@@ -18,13 +18,13 @@ _OPTIONS: dict[str, Any] = {
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code that compiled functions can call, and Python cannot."""
+    """`function` as machine code, which only other compiled functions can call."""
     options = {**_OPTIONS, "no_cpython_wrapper": True}
     return numba.njit(**options)(function)  # type: ignore[no-any-return]
 
 
 def entry(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code that Python can call; cached on disk with all that it calls."""
+    """`function` as machine code that Python can call, cached on disk with all that it calls."""
     config: Any = numba.config
     place, before = folder(), config.CACHE_DIR
     config.CACHE_DIR = str(place or before)

@@ -1,7 +1,7 @@
-"""The cache of compiled functions on disk, and the process that fills it. Numba is not imported.
+"""The cache of compiled functions on disk, and which process fills it; Numba is not imported.
 
-Compiled functions depend on each other, so one cache serves all sources of this folder: in their
-``__pycache__``, else in the user's cache folder.
+Compiled functions depend on each other, so one cache serves all sources of this folder. It lies in
+their ``__pycache__``, or else in the user's cache folder.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _PREFIX, _ALL = "compiled-", "all"
 
 @cache
 def folder() -> Path | None:
-    """The folder of compiled functions; None where no place can be written."""
+    """The folder in which compiled functions are cached; None if no such folder can be written."""
     sources = sorted(Path(__file__).parent.glob("*.py"))
     checks = os.environ.get("NUMBA_BOUNDSCHECK", "")
     versions = f"{metadata.version('numba')} {sys.implementation.cache_tag} {checks}"
@@ -40,9 +40,9 @@ def folder() -> Path | None:
 
 @contextmanager
 def one_process() -> Iterator[bool]:
-    """Whether this process compiles functions; other processes wait here until it has done so.
+    """Yield whether this process is to compile the functions; other processes wait for it.
 
-    Functions count as kept when the block ends.
+    Functions count as cached when the block ends.
     """
     place = folder()
     if place is None:

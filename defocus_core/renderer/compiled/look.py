@@ -1,7 +1,7 @@
-"""Whether the depth of a picture needs no repair, and the bounds of its radii, in compiled passes.
+"""Whether the depth of a picture needs no repair, and the range of its radii, by compiled loops.
 
 The tests are those of `engine/survey.py`, `depth/diagnosis.py` and `depth/smoothing.py`, with the
-same constants. Where a test is in doubt, those modules decide.
+same constants. Where a test is not certain, those modules decide.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ class DepthLook(NamedTuple):
 
 @entry
 def look_at_depth(radius, by):
-    """The fields of `DepthLook`, in order, of radii [H, W] px.
+    """The fields of `DepthLook`, in order, for radii [H, W] px.
 
-    by: ratio of the size to that of a picture in which all ramps are examined.
+    by: factor by which a large picture is reduced in the search for ramps, see
+    `depth.ramps.reduction`.
     """
     height, width = radius.shape
     least, most, step, usable = F32(np.inf), F32(-np.inf), F32(0), True
@@ -60,7 +61,7 @@ def look_at_depth(radius, by):
 def look_at_light(image):
     """The least and greatest value [3, 2] of each channel of a picture, and whether it is plain.
 
-    A plain picture is finite, has no highlights, and needs no more digits than float32 has.
+    A plain picture is finite, has no highlights, and needs no more precision than float32.
     """
     channels, finite = np.empty((3, 2)), True
     for c in range(3):
@@ -76,7 +77,10 @@ def look_at_light(image):
 
 @compiled
 def _is_plain(image, channels):
-    """Whether a picture has no highlights and needs no more digits than float32 has."""
+    """Whether a finite picture has no highlights and needs no more precision than float32.
+
+    channels: [3, 2], least and greatest value of each channel.
+    """
     brightest = max(channels[0, 1], max(channels[1, 1], channels[2, 1]))
     darkest = min(channels[0, 0], min(channels[1, 0], channels[2, 0]))
     size, limit = max(brightest, -darkest), max(brightest, 0.0)
@@ -97,7 +101,7 @@ def _is_plain(image, channels):
 
 @compiled
 def _is_noisy(radius):
-    """Whether radii are noisy."""
+    """Whether radii [H, W] are noisy: many neighbouring steps go up and down by turns."""
     height, width = radius.shape
     together = apart = noisy = 0
     for y in range(1, height - 1):
@@ -118,7 +122,7 @@ def _is_noisy(radius):
 
 @compiled
 def _is_quantised(radius):
-    """Whether radii may have few levels, but more than 32, with small steps between them."""
+    """Whether radii may be quantised, to more than 32 levels with small steps between them."""
     height, width = radius.shape
     for axis in range(2):
         dy, dx = (1, 0) if axis else (0, 1)
@@ -154,7 +158,10 @@ def _is_quantised(radius):
 
 @compiled
 def _steepness(radius, y, x):
-    """The slope of a ramp at a pixel, see `depth/ramps.py`."""
+    """The slope of a ramp at pixel (y, x), see `depth/ramps.py`.
+
+    It is the smaller of two successive steps of the same sign, or 0; the greater of both axes.
+    """
     height, width = radius.shape
     slope = F32(0)
     if 0 < x < width - 1:
@@ -168,7 +175,10 @@ def _steepness(radius, y, x):
 
 @compiled
 def _has_no_ramps(radius, steep):
-    """Whether no ramp is several px wide and long, and few are steep beside many hard edges."""
+    """Whether no ramp is several px wide and long, and slopes are few compared with hard edges.
+
+    steep: slope in px per px from which on pixels belong to a ramp.
+    """
     height, width = radius.shape
     few = hard = 0
     for y in range(height):
@@ -188,7 +198,7 @@ def _has_no_ramps(radius, steep):
 
 @compiled
 def _is_hard(values):
-    """Whether the step between the middle ones of four values is a hard edge beside steep ramps."""
+    """Whether the middle step of four values is a hard edge: large, with small steps beside it."""
     if len(values) < 4:
         return False
     step = abs(values[2] - values[1])
@@ -198,7 +208,7 @@ def _is_hard(values):
 
 @compiled
 def _are_no_averages(radius):
-    """Whether few pixels on edges have radii between those of both surfaces, as averages have."""
+    """Whether few pixels at depth edges have a radius between both surfaces, as if averaged."""
     height, width = radius.shape
     count, hard, values = 0, 0, np.empty(7, np.float32)
     for y in range(height):
@@ -222,7 +232,7 @@ def _are_no_averages(radius):
 
 @compiled
 def _is_average(values):
-    """Whether the middle of seven values is on a narrow edge and between those of its surfaces."""
+    """Whether the middle one of seven values lies on a narrow edge, between its two surfaces."""
     near, far = values[3], values[3]
     within = size = whole = least = F32(0)
     for k in range(1, 4):

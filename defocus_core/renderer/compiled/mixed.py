@@ -1,4 +1,4 @@
-"""Mixed pixels split into the two surfaces of a depth edge, as in `depth/matting.py`."""
+"""Mixed pixels, split into the two surfaces of a depth edge as in `depth/matting.py`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TINY, _SMALLEST = math.sqrt(float(np.finfo(np.float32).tiny)), float(np.finfo(n
 
 @compiled
 def _range_around(radius, y, x):
-    """The least and the greatest radius within a px of a pixel."""
+    """The least and the greatest radius in the 3 x 3 px around pixel (y, x)."""
     least, most = radius[y, x], radius[y, x]
     for v in range(max(y - 1, 0), min(y + 2, radius.shape[0])):
         for u in range(max(x - 1, 0), min(x + 2, radius.shape[1])):
@@ -33,7 +33,7 @@ def _range_around(radius, y, x):
 
 @entry
 def set_light(image, scale, light):
-    """Set light [H, 4 W] to the colours of a picture [3, H, W], times a scale, and a coverage."""
+    """Write the colours of a picture [3, H, W], times `scale`, and coverage 1 to light [H, 4 W]."""
     for y in range(image.shape[1]):
         for x in range(image.shape[2]):
             for c in range(3):
@@ -43,7 +43,10 @@ def set_light(image, scale, light):
 
 @compiled
 def _side_of(colors, radii, weight, side):
-    """Write mean, variance and radius of weighted pixels to side [7]; return their total weight."""
+    """Write mean colour, variance of colour and mean radius of pixels to side [7].
+
+    weight: [n] of the pixels. Returns their total weight; if that is 0, nothing is written.
+    """
     total = 0.0
     for k in range(weight.shape[0]):
         total += weight[k]
@@ -72,7 +75,11 @@ def _side_of(colors, radii, weight, side):
 
 @compiled
 def _thin_side(square, s, sides, room):
-    """A side whose pixels are all on the edge: the colour of those least like the other side."""
+    """Write side `s` (0 is the nearer one) of an edge, where all pixels of this side are mixed.
+
+    Its colour is that of the pixels which differ most from the other side. square: of
+    `_read_square`; sides: [2, 7]; room: [n] scratch. Returns the total weight of the pixels.
+    """
     colors, radii, near, weight, _ = square
     side, other, most = sides[s], sides[1 - s], _SMALLEST
     for k in range(weight.shape[0]):
@@ -93,7 +100,10 @@ def _thin_side(square, s, sides, room):
 
 @compiled
 def _coverage(color, own, other, expected):
-    """The most probable coverage by the own surface, from a colour and an expected coverage."""
+    """The most probable coverage of a pixel by its own surface, given its colour.
+
+    own, other: sides as of `_side_of`; expected: coverage expected from the depth around the pixel.
+    """
     evidence = observed = 0.0
     for c in range(3):
         apart, variance = own[c] - other[c], (own[3 + c] + other[3 + c]) / 2
@@ -111,7 +121,7 @@ def _coverage(color, own, other, expected):
 
 @compiled
 def _as_whole(alpha, is_near, own, other):
-    """The coverage by a pixel's own surface, or 1 where the pixel is hardly mixed."""
+    """The coverage of a pixel by its own surface, raised to 1 where the pixel is hardly mixed."""
     evidence = 0.0
     for c in range(3):
         apart = own[c] - other[c]
@@ -125,7 +135,10 @@ def _as_whole(alpha, is_near, own, other):
 
 @compiled
 def _clipped(mean, variance, other, color):
-    """A colour clipped to two deviations around a surface's mean; `other` is never clipped."""
+    """A value of `color` clipped to two standard deviations around a surface's mean.
+
+    The range is extended to `other`. The result is not negative, unless `other` is.
+    """
     reach = 2 * math.sqrt(variance)
     color = max(color, min(mean - reach, other))
     color = min(color, max(mean + reach, other))
@@ -134,7 +147,10 @@ def _clipped(mean, variance, other, color):
 
 @compiled
 def _colors(color, own, other, alpha, c):
-    """The colours of one channel of both surfaces of a mixed pixel."""
+    """The values of channel `c` of a mixed pixel's own surface and of the other surface.
+
+    alpha: coverage by its own surface.
+    """
     m, v, n, w = own[c], own[3 + c], other[c], other[3 + c]
     first, second, rest = alpha * v, (1 - alpha) * w, 1 - alpha
     residual = (color - alpha * m - rest * n) / (alpha * first + rest * second)
@@ -148,7 +164,7 @@ def _colors(color, own, other, alpha, c):
 
 @compiled
 def _has_step(radius, y, x):
-    """Whether radii within a px of a pixel step by as much as separate surfaces do."""
+    """Whether neighbouring radii within 1 px of a pixel differ as much as separate surfaces do."""
     height, width = radius.shape
     left, right = max(x - 1, 0), min(x + 1, width - 1)
     up, down = max(y - 1, 0), min(y + 1, height - 1)
@@ -164,7 +180,12 @@ def _has_step(radius, y, x):
 
 @compiled
 def _read_square(picture, border, y, x, square):
-    """Read the square around a pixel, and weights; picture: as of `split_mixed`."""
+    """Write the pixels of the square around (y, x) to `square`.
+
+    picture: as for `split_mixed`; border: radius that separates the nearer from the farther
+    surface; square: arrays of colours, radii, whether pixels are nearer, weights, and whether they
+    are on an edge.
+    """
     image, scale, limit, radius = picture
     colors, radii, near, weight, on_edge = square
     height, width = radius.shape
@@ -186,7 +207,7 @@ def _read_square(picture, border, y, x, square):
 
 @compiled
 def _find_sides(square, sides, room):
-    """Write the surfaces of a square, nearer first, to sides [2, 7]; return whether both exist."""
+    """Write both surfaces of a square, nearer first, to sides [2, 7]; return whether both exist."""
     colors, radii, near, weight, on_edge = square
     first = second = False
     for s in range(2):
@@ -200,11 +221,12 @@ def _find_sides(square, sides, room):
 
 @entry
 def split_mixed(picture, light, radii):
-    """Split mixed pixels: light [2, H, 4 W] of their own surface, and of nearer ones.
+    """Split mixed pixels into the surface at the depth of each pixel and a nearer surface.
 
-    picture: colours [3, H, W], their scale, the brightness that a highlight exceeds, and radii
-    [H, W]; light: that of the picture, then 0, overwritten; radii: [2, H, W] of both surfaces,
-    overwritten. Returns whether any pixel holds a part of a nearer surface.
+    picture: colours [3, H, W], their scale, the brightness that a highlight exceeds, and radii [H,
+    W]; light: [2, H, 4 W], the light of the picture and 0, overwritten by the light of both
+    surfaces; radii: [2, H, W] of both surfaces, overwritten. Returns whether any pixel holds a part
+    of a nearer surface.
     """
     radius, count = picture[3], _SIDE * _SIDE
     square = (

@@ -23,7 +23,7 @@ _SIZE = 32, 40  # (height, width) px of the picture of which each function rende
 
 @cache
 def compile_once() -> None:
-    """Compile the functions that are not cached yet, with a message, as it takes a while."""
+    """Compile the functions that are not cached yet, and log a message, as it takes a while."""
     with one_process() as is_due:
         if not is_due:
             return
@@ -33,7 +33,7 @@ def compile_once() -> None:
 
 
 def render_everything() -> None:
-    """Render a small picture that calls each function."""
+    """Render a small picture that needs every compiled function."""
     x = np.linspace(-60, 60, _SIZE[1], dtype=np.float32)
     radius = np.where(np.arange(_SIZE[0])[:, None] % 16 < 8, x, -3)
     image = np.random.default_rng(0).random((3, *_SIZE), np.float32)

@@ -1,4 +1,4 @@
-"""Openings of the lens as spans: the first and last pixel of each row of a disc of each radius."""
+"""Lens openings as spans: the first and last pixel of each row of a blur disc of each radius."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _AREAS, _PER_AREA = 128, 4
 
 
 class Opening(NamedTuple):
-    """The spans of an opening, for radii of 0, 1 / STEPS, ... px up to `reach`."""
+    """The blur discs of an opening, as spans, for radii of 0, 1 / STEPS, ... px up to `reach`."""
 
     spans: NDArray[np.float32]  # [2, n, 2 reach + 1, 2] px, nearer than focus and beyond it
     area: NDArray[np.float32]  # [n] one divided by the area in px
@@ -38,14 +38,14 @@ class Opening(NamedTuple):
 
 
 def has_spans(outline: Outline) -> bool:
-    """Whether each row of an opening is one span: discs and blades, squeezed or not."""
+    """Whether each row of an opening is one span: a disc or polygon of blades, squeezed or not."""
     shape = outline.outline if isinstance(outline, Squeezed) else outline
     return isinstance(shape, Disc | Polygon | CurvedPolygon)
 
 
 @lru_cache(maxsize=8)
 def opening(outline: Outline, reach: int) -> Opening:
-    """An opening that `has_spans`, up to a radius of `reach` px."""
+    """The spans of an opening up to a radius of `reach` px; `has_spans` must be true of it."""
     n, reach = reach * STEPS + 2, reach + 1
     radii = np.maximum(np.arange(n) / STEPS, NEAR[0])[:, None]
     places = np.linspace(-1, 1, _HEIGHTS + 1)
@@ -74,7 +74,10 @@ def opening(outline: Outline, reach: int) -> Opening:
 
 @lru_cache(maxsize=8)
 def areas_below(outline: Outline) -> NDArray[np.float32]:
-    """The share [y, x] of an opening above u.y and left of u.x, at even places over [-1, 1]."""
+    """The share of an opening's area that is above u.y and to the left of u.x: array [y, x].
+
+    u.y and u.x are evenly spaced from -1 to 1.
+    """
     places = np.linspace(-1, 1, _AREAS + 1)
     y = places[:-1, None] + (np.arange(_PER_AREA) + 0.5) * (2 / (_AREAS * _PER_AREA))
     begin, end = (x[..., None] for x in _chords(outline, y))
@@ -85,7 +88,7 @@ def areas_below(outline: Outline) -> NDArray[np.float32]:
 
 
 def left_share(outline: Outline) -> float:
-    """The share of an opening that `has_spans` whose lens points are u.x < 0."""
+    """The share of an opening's area with u.x < 0; `has_spans` must be true of it."""
     shape = outline.outline if isinstance(outline, Squeezed) else outline
     if isinstance(shape, Disc):
         return 0.5
@@ -99,14 +102,20 @@ def left_share(outline: Outline) -> float:
 
 
 def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Where the left half of the spans [n, rows, 2] of a side of focus begins and ends."""
+    """Where the part of each span [n, rows] that belongs to the left half begins and ends.
+
+    spans: [2, n, rows, 2]; side: 0 nearer than focus, 1 beyond it.
+    """
     begin, end = spans[side, :, :, 0], spans[side, :, :, 1]
     begin, end = (begin, end.clip(max=0)) if side else (begin.clip(min=0), end)
     return begin, np.maximum(begin, end)
 
 
 def _chords(outline: Outline, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Begins and ends of rows of an opening at y, down, in radii of the lens; equal outside."""
+    """Where the rows of an opening at heights `y` (down) begin and end; equal outside of it.
+
+    All are in units of the radius of the lens.
+    """
     if isinstance(outline, Squeezed):
         inner = _chords(outline.outline, y * float(outline.down))
         return tuple(x / float(outline.across) for x in inner)
@@ -127,7 +136,7 @@ def _chords(outline: Outline, y: NDArray[np.float64]) -> tuple[NDArray[np.float6
 
 
 def _corners(outline: Polygon | CurvedPolygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places x and y (down) along the rim of blades, in radii of the lens."""
+    """Coordinates x and y (down) of points along the rim of a polygon, in radii of the lens."""
     half, curvature = math.pi / outline.sides, float(getattr(outline, "curvature", 0.0))
     middle = np.radians(outline.rotation) + half * (2 * np.arange(outline.sides)[:, None] + 1)
     if not curvature:
@@ -146,9 +155,10 @@ LOST = 2.25
 
 @lru_cache(maxsize=8)
 def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
-    """Shifts in px of the left half that are lost to sampling: [2, n], nearer and beyond focus.
+    """Shifts in px of the left half that sampling loses: [2, n], nearer than and beyond focus.
 
-    Only shifts of less than a pixel, near focus, are lost. reach: of an opening, at least 4 px.
+    n counts radii of 0, 1 / STEPS, ... px. Only shifts of less than a pixel, near focus, are lost.
+    reach: radius in px up to which the opening is drawn, at least 4.
     """
     most, far, pixel = math.ceil(LOST * STEPS), 4 * STEPS, np.arange(-reach - 1, reach + 2)
     drawn = opening(outline, reach)
@@ -169,7 +179,7 @@ def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
 
 
 def _near_focus(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The weight of the next larger disc of NEAR in the blur of radii in px."""
+    """The weight of the next larger disc of NEAR in the blur of each radius `r` px."""
     rising = ((SOFT / NEAR[0]) * (r - SHARP) / (SOFT - SHARP)) ** 2
     first = np.where(r <= SHARP, 0.0, np.where(r < SOFT, rising, (r / NEAR[0]) ** 2))
     squares = [radius**2 for radius in NEAR]

@@ -1,4 +1,4 @@
-"""The compiled back of the renderer: the views of a picture."""
+"""The views of a scene of tensors, rendered by the compiled back."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from defocus_core.tensors.views import ViewTensors
 
 
 def rendered(in_focus: InFocus, frame: SharedFrame) -> ViewTensors:
-    """The views of a surface."""
+    """The views of a scene, which must be a single surface, rendered by compiled loops."""
     statistics = Statistics(*(getattr(frame.content, name) for name in Statistics._fields))
     groups, negative, scene = [], 0, in_focus.surface
     for some, samples, lights in _sampled(in_focus, statistics, frame):
@@ -43,9 +43,10 @@ def rendered(in_focus: InFocus, frame: SharedFrame) -> ViewTensors:
 def _sampled(
     in_focus: InFocus, statistics: Statistics, frame: SharedFrame
 ) -> Iterator[tuple[slice, Samples, NDArray[np.float32]]]:
-    """The channels that are rendered at once, their surfaces, and lights to add.
+    """Yield the channels that are rendered at once, their surfaces, and lights to add.
 
-    Compiled loops find the surfaces of three colours without lights and without a matte.
+    Compiled loops find the surfaces of a picture with three channels, no highlights and no matte;
+    torch finds those of other pictures.
     """
     scene, unit = in_focus.surface, statistics.unit
     if by_loops(scene) and not frame.content.highlights:
@@ -70,7 +71,7 @@ def _sampled(
 
 
 def _of_layers(layers: Sequence[SampleLayer], channels: slice, unit: float) -> Samples:
-    """Layers as surfaces, in some of their colours."""
+    """The surfaces that layers describe, with some of their channels, in units of light."""
     light, radius = _stacked([x for x in layers if x.kind == VISIBLE], channels, unit)
     hidden = None
     if continued := [x for x in layers if x.kind == CONTINUED]:
@@ -82,7 +83,10 @@ def _of_layers(layers: Sequence[SampleLayer], channels: slice, unit: float) -> S
 def _stacked(
     layers: Sequence[SampleLayer], channels: slice, unit: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Light [n, H, 4 W] of layers in some of their colours, in a unit, and radii [n, H, W] px."""
+    """Light [n, H, 4 W] of n layers, divided by `unit`, and their radii [n, H, W] px.
+
+    channels: the channels of the light.
+    """
     size = layers[0].signed_radius.shape
     light = torch.zeros(len(layers), *size, CHANNELS + 1, dtype=torch.float32)
     radius = torch.stack([layer.signed_radius.float() for layer in layers])

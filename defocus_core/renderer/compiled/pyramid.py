@@ -1,7 +1,7 @@
-"""A pyramid of two layers, see `inpainting/two_layer_pyramid.py`.
+"""A pyramid with two surfaces per coarse pixel, see `inpainting/two_layer_pyramid.py`.
 
-Each coarse pixel has means over its farthest surface and the next one, and limits: the share of the
-coarse pixel that they take, and their least and greatest radius.
+Each coarse pixel has means over its farthest surface and over the next one. Each surface has
+limits: the share of the coarse pixel that it covers, and its least and greatest radius.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ F32 = np.float32
 
 
 class Levels(NamedTuple):
-    """The coarse pixels of all levels, one level after another."""
+    """The coarse pixels of several levels, one level after another."""
 
     # [n, 2, 4 or 7] of each surface colour, radius, and maybe the structure tensor
     values: NDArray[np.float32]
@@ -36,9 +36,9 @@ class Levels(NamedTuple):
 
 
 def levels_for(coarse: Coarse, span: float) -> tuple[Levels, Levels]:
-    """Empty levels, that of half resolution and the coarser ones, for radii that span `span` px.
+    """Empty levels: the level of half resolution, and all coarser ones.
 
-    `coarse`: the coarse pixels of more levels than are returned.
+    `coarse`: coarse pixels of at least as many levels; `span`: greatest less least radius, in px.
     """
     most = 2
     while coarse.length[most].max() > 1 and 1 << most < WIDER * span:
@@ -51,7 +51,7 @@ def levels_for(coarse: Coarse, span: float) -> tuple[Levels, Levels]:
 
 
 def _room(coarse: Coarse, levels: range, count: int) -> Levels:
-    """Empty levels with `count` values of each surface."""
+    """Empty levels with room for `count` values of each surface."""
     sizes = coarse.length[levels.start : levels.stop]
     ends = sizes.prod(1).cumsum()
     size = np.column_stack([ends - sizes.prod(1), sizes])
@@ -62,10 +62,11 @@ def _room(coarse: Coarse, levels: range, count: int) -> Levels:
 
 @compiled
 def fill_levels(light, radius, limit, coarse, half, levels):
-    """Fill levels from a picture without its highlights and its covered pixels.
+    """Fill levels from a picture, without highlights and without pixels that others cover.
 
-    light: [n, H, 4 W] of the surfaces that the depth names, and of nearer ones; radius: [H, W];
-    limit: brightness of a highlight.
+    light: [n, H, 4 W], of the surfaces at the depth of each pixel, then of nearer parts of the same
+    pixels; radius: [H, W] px; limit: brightness that a highlight exceeds; half, levels: of
+    `levels_for`.
     """
     height, width = radius.shape
     values, limits = np.empty((4 * width, 2, 4), F32), np.empty((4 * width, 2, 3), F32)
@@ -98,7 +99,8 @@ def fill_levels(light, radius, limit, coarse, half, levels):
 def _taps(odd, number):
     """The pixels averaged to coarse pixel k, counted from pixel 2 k, and their shares.
 
-    odd: of the axis; number: of the level. Returns the first, the one after the last, and shares.
+    odd: whether the axis has an odd length; number: of the level. Returns the first pixel, the
+    pixel after the last, and shares.
     """
     shares = np.empty(4)
     for t in range(4):
@@ -111,9 +113,10 @@ def _taps(odd, number):
 
 @compiled
 def _make_row(source, i, coarse, number, out, out_limits, at):
-    """Make row i of a level: the farthest surface of each coarse pixel, and the next one.
+    """Compute row `i` of a level: the farthest surface in each coarse pixel, and the next one.
 
-    source: values and limits of the level before, the index of its row `top` there, and its size.
+    source: values and limits of the finer level, the index at which its row `top` begins, `top`,
+    and its height and width; number: of the level; out, out_limits: written from index `at` on.
     """
     values, limits, base, top, height, width = source
     alike, count = F32(ONE_SURFACE * GROWTH ** max(number - 2, 0)), values.shape[2]
@@ -162,7 +165,10 @@ def _make_row(source, i, coarse, number, out, out_limits, at):
 
 @compiled
 def _read_pixels(light, radius, limit, y, values, limits, at):
-    """Read a row of a picture; arguments as of `fill_levels`."""
+    """Write row `y` of a picture to `values` and `limits` from index `at` on.
+
+    light, radius, limit: as for `fill_levels`.
+    """
     for x in range(radius.shape[1]):
         coverage, r, brightest = light[0, y, 4 * x + 3], radius[y, x], F32(0)
         for c in range(3):
@@ -180,7 +186,10 @@ def _read_pixels(light, radius, limit, y, values, limits, at):
 
 @compiled
 def _read_structured(half, y, values, limits, at):
-    """Read a row of half resolution, with the structure tensor of the first surface."""
+    """Write row `y` of the level of half resolution to `values` and `limits` from index `at` on.
+
+    The structure tensor of the farthest surface is added to its values.
+    """
     height, width = half.size[0, 1], half.size[0, 2]
     own, ends = half.values, half.limits
     for x in range(width):
@@ -206,5 +215,5 @@ def _read_structured(half, y, values, limits, at):
 
 @compiled
 def _is_alike(limits, p, r):
-    """Whether a coarse pixel holds one surface, of nearly constant radius."""
+    """Whether coarse pixel `p` holds a single surface, with a radius close to `r`."""
     return limits[p, 1, 0] <= 0 and abs(limits[p, 0, 2] - r) < F32(SAME_AT_HALF)

@@ -1,4 +1,4 @@
-"""Layers at reduced resolution: rows are summed once, and interpolated between coarse pixels."""
+"""Layers that are blurred at reduced resolution, then interpolated to full resolution by rows."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from defocus_core.renderer.compiled.surfaces import add_points, spread_row
 
 F32 = np.float32
 
-EIGHTHS = 64
+SUBPIXELS = 64  # positions among coarse pixels are stored in 1 / 64 of a coarse pixel
 
 
 class CoarseLayers(NamedTuple):
-    """The layers of slots that are spread in coarse pixels."""
+    """The layers of slots that are blurred at reduced resolution."""
 
-    values: NDArray[np.float32]  # of each slot [views, height, 4, width]
-    at: NDArray[np.int64]  # [slots] where a slot begins; -1 for slots at full resolution
-    # [slots, 5] of each its height and width, how many px a coarse pixel is wide, and as a number
-    # of eighths of a coarse pixel where the middle of pixel 0 is, down and across
+    values: NDArray[np.float32]  # flat: [views, height, 4, width] of each slot
+    at: NDArray[np.int64]  # [slots] index in `values` of each slot; -1 for slots at full resolution
+    # [slots, 5] height, width, px of a coarse pixel, and the place of the middle of pixel 0 of the
+    # frame among coarse pixels, down and across, times SUBPIXELS
     place: NDArray[np.int64]
     ends: NDArray[np.int64]  # [2, slots, rows] first and last coarse pixel that is not 0, or -1
-    cubic: NDArray[np.bool_]  # [slots] whether to interpolate by cubics: not where edges are sharp
+    cubic: NDArray[np.bool_]  # [slots] whether interpolation is cubic, else linear: edges are sharp
 
 
 @entry
 def spread_reduced(surfaces, opening, room, reduced):
-    """Spread surfaces over the rows of the slots that have room."""
+    """Spread surfaces over their discs, and write the layers of slots with rows in `room`."""
     height, width = surfaces.radius.shape[1:]
     values, sums = reduced.values, room.sums
     band = np.int64(0), height  # of the type that other callers give: a literal is compiled anew
@@ -55,7 +55,7 @@ def spread_reduced(surfaces, opening, room, reduced):
 
 @compiled
 def _weights(position, cubic, weights):
-    """The shares of four coarse pixels around a place; returns the first of them."""
+    """Write the weights of four coarse pixels around a position; return the index of the first."""
     below = np.floor(position)
     t = F32(position - below)
     u = F32(1) - t
@@ -72,11 +72,14 @@ def _weights(position, cubic, weights):
 
 @compiled
 def read_reduced(reduced, slot, y, room, row):
-    """Interpolate row y of a slot to the sums of a room; row: [4, n] coarse pixels to work in."""
+    """Interpolate row `y` of a slot to full resolution, into `room.sums`.
+
+    row: [4, n] scratch for a row of coarse pixels.
+    """
     height, width = reduced.place[slot, 0], reduced.place[slot, 1]
     step, cubic = reduced.place[slot, 2], reduced.cubic[slot]
     weights, values = np.empty(4, np.float32), reduced.values
-    top = _weights(reduced.place[slot, 3] / EIGHTHS + y / step, cubic, weights)
+    top = _weights(reduced.place[slot, 3] / SUBPIXELS + y / step, cubic, weights)
     first, last = width, np.int64(-1)
     for k in range(4):
         r = min(max(top + k, 0), height - 1)
@@ -101,9 +104,12 @@ def read_reduced(reduced, slot, y, room, row):
 
 @compiled
 def _read_across(reduced, slot, first, last, out, row):
-    """Interpolate a row of coarse pixels, not 0 from first to last; returns both ends in px."""
+    """Interpolate a row of coarse pixels along the row to full resolution, into `out`.
+
+    first, last: coarse pixels that are not 0. Returns the first and the last px that are not 0.
+    """
     width, step, cubic = reduced.place[slot, 1], reduced.place[slot, 2], reduced.cubic[slot]
-    origin = reduced.place[slot, 4] / EIGHTHS
+    origin = reduced.place[slot, 4] / SUBPIXELS
     begin = max(np.int64(np.floor((first - 2 - origin) * step)), 0)
     end = min(np.int64(np.ceil((last + 2 - origin) * step)), out.shape[1] - 1)
     weights = np.empty(4, np.float32)

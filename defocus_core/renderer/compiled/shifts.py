@@ -1,7 +1,7 @@
-"""Whether edges of depth may be displaced from those of the colours, in compiled passes.
+"""Whether edges of depth may be displaced from edges of colour, by compiled loops.
 
-A sample of the profiles across silhouettes is examined as in `depth/displacement.py`, with the
-same constants. If the sample is not displaced, no edge is.
+A sample of the profiles across silhouettes is examined as in `depth/displacement.py`, with the same
+constants. If the sample is not displaced, no edge counts as displaced.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _ALONG, _SHIFTS, _TINY = 2 * REACH + 1, 2 * FARTHEST + 1, float(np.finfo(np.floa
 
 @entry
 def may_be_shifted(image, radius, step):
-    """Whether most edges of radii [H, W] may be displaced by the same px from those of [3, H, W].
+    """Whether most edges of the radii may be displaced alike from edges of the colours.
 
-    step: least step in px of an edge.
+    image: [3, H, W]; radius: [H, W] px; step: least difference of radii at an edge, in px.
     """
     height, width = radius.shape
     rise = np.zeros((height, width), np.float32)
@@ -66,7 +66,7 @@ def may_be_shifted(image, radius, step):
 
 @compiled
 def _is_highest(rise, y, x):
-    """Whether the rise at a pixel is not the start of a higher one."""
+    """Whether no much higher rise lies near the rise at pixel (y, x)."""
     highest = F32(0)
     for v in range(max(y - FARTHEST, 0), min(y + FARTHEST + 1, rise.shape[0])):
         for u in range(max(x - FARTHEST, 0), min(x + FARTHEST + 1, rise.shape[1])):
@@ -76,9 +76,10 @@ def _is_highest(rise, y, x):
 
 @compiled
 def _find_profile(radius, y, x, rise, positions):
-    """The pixels across an edge [2 REACH + 1, 2], and the number on either surface, nearer first.
+    """Write the pixels of a profile across an edge, nearer surface first, to `positions`.
 
-    They run from the nearer to the farther surface, without a gap.
+    positions: [2 REACH + 1, 2]. Returns the numbers of successive pixels from the edge that lie on
+    the nearer and on the farther surface.
     """
     height, width = radius.shape
     border, ny, nx = radius[y, x] + rise * F32(HALFWAY), 0.0, 0.0
@@ -105,9 +106,11 @@ def _find_profile(radius, y, x, rise, positions):
 
 @compiled
 def _compare(colors, counts, likely, costs, told):
-    """Write costs of displacements by a profile's colours; add votes of px beyond samples to told.
+    """Write the cost of each displacement of an edge, judged by the colours along its profile.
 
-    likely: [2, 2 REACH + 1] to work in.
+    counts: pixels of the profile on both surfaces; likely: [2, 2 REACH + 1] scratch; costs: [17];
+    told: [2], to which the votes of pixels far from the edge, for the surface that depth gives, are
+    added, and the number of votes.
     """
     near, far = min(counts[0] / 2, DEEPEST), min(counts[1] / 2, DEEPEST)
     means, moments, deepest = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.empty(2)
@@ -151,7 +154,10 @@ def _compare(colors, counts, likely, costs, told):
 
 @compiled
 def _find_likelihood(colors, mean, moments, scale, likely):
-    """The logarithm of how likely colours [n, 3] are on a surface, by its moments."""
+    """Write the log-likelihood of colours [n, 3] on a surface with a mean and moments of colour.
+
+    mean: [3]; moments: [3, 3] means of products; scale: of the colours; likely: [n].
+    """
     root, z = np.zeros((3, 3)), np.empty(3)
     volume = 0.0
     for i in range(3):
@@ -180,7 +186,7 @@ def _trust(told, total, least, full):
 
 @compiled
 def _median(costs, told):
-    """The median displacement in px, by the costs [n, 17] and `told` [n, 2] of profiles."""
+    """The median displacement in px of profiles, from costs [n, 17] and votes `told` [n, 2]."""
     right = every = 0.0
     for n in range(len(told)):
         right, every = right + told[n, 0], every + told[n, 1]

@@ -1,4 +1,4 @@
-"""The farthest slot that the lens sees at each pixel: the farthest in the disc of its radius.
+"""The farthest slot that the lens sees at each pixel: the farthest one in its surface's disc.
 
 Hidden surfaces are seen only where the disc of the front surface reaches over an edge; see
 `compositing/sight.py`.
@@ -17,10 +17,10 @@ F32 = np.float32
 
 @entry
 def farthest_seen(light, radius, table):
-    """The farthest slot [H, W] within the disc of each pixel.
+    """The farthest slot [H, W] within the blur disc of each pixel.
 
-    table: of slots, see `surfaces_of`. Surfaces count as farther by about half the distance between
-    slices of the torch back.
+    table: slots by radius, see `surfaces_of`. Surfaces count as farther than they are by about half
+    the distance between slices of the torch back.
     """
     height, width = radius.shape
     seen, sizes = np.zeros((height, width), np.uint8), np.empty((height, width), np.int32)
@@ -53,7 +53,10 @@ def farthest_seen(light, radius, table):
 
 @compiled
 def _dilate(values, by, square, rows, out):
-    """The maximum of values [H, W] over the square of `by` px around each."""
+    """Write to `out` [H, W] the maximum of each value and the values `by` px away from it.
+
+    square: whether these are eight, also on diagonals, or four; rows: scratch.
+    """
     height, width = values.shape
     given = rows if square else values
     for y in range(height):
@@ -73,7 +76,10 @@ def _dilate(values, by, square, rows, out):
 
 @compiled
 def _area_below(areas, y, x):
-    """The share of an opening above and left of a lens point, see `areas_below`."""
+    """The share of an opening's area above and to the left of lens point (y, x).
+
+    areas: of `areas_below`.
+    """
     most = areas.shape[0] - 1
     v, u = (y + 1) * most / 2, (x + 1) * most / 2
     v, u = min(max(v, 0.0), most - 1e-6), min(max(u, 0.0), most - 1e-6)
@@ -85,7 +91,7 @@ def _area_below(areas, y, x):
 
 @entry
 def keep_in_frame(radius, areas, trust):
-    """Multiply trust [H, W] by the share of the opening that sees a pixel's surface in the frame.
+    """Multiply trust [H, W] by the share of the aperture that sees the surface in the frame.
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
     """

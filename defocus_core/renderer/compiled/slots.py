@@ -1,7 +1,7 @@
-"""Slots: layers of visible radii, and octaves of hidden ones, each spread on its own.
+"""Slots: layers of visible radii and octaves of hidden ones, each blurred separately.
 
-As in the torch back, a layer holds 0.75 px of radius near focus, and a constant ratio of radii
-beyond 2 px. Layers with wide discs are spread at reduced resolution.
+As in the torch back, a layer spans 0.75 px of radius near focus, and a constant ratio of radii
+beyond 2 px. Layers with wide discs are blurred at reduced resolution.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ WIDEST = 27.0
 
 
 class Slots(NamedTuple):
-    """Visible layers, nearest first, then octaves of what is hidden, nearest first."""
+    """Visible layers, nearest first, then octaves of hidden surfaces, nearest first."""
 
-    least: list[float]  # px, signed, the radius from which on pixels are of each visible layer
+    least: list[float]  # px, signed, the radius of each visible layer closest to focus
     octaves: dict[int, int]  # the slot of each octave
-    levels: NDArray[np.int64]  # how many times resolution is halved before each is spread
+    levels: NDArray[np.int64]  # how many times resolution is halved to spread each slot
     widest: list[float]  # px, the greatest radius of each
-    ends: list[float]  # px, where each visible layer ends, whatever the picture holds
-    visible: NDArray[np.int16]  # [2, n] slots of radii nearer than focus and beyond, by steps
-    hidden: NDArray[np.int16]  # the same of octaves
+    ends: list[float]  # px, unsigned, the radius of each visible layer farthest from focus
+    visible: NDArray[np.int16]  # [2, n] slots of radii nearer than focus and beyond, see `_table`
+    hidden: NDArray[np.int16]  # the same for hidden octaves
 
     @property
     def sides(self) -> NDArray[np.int64]:
-        """The side of focus of each octave; 2 for visible layers."""
+        """For each slot, the side of focus of a hidden octave (-1 to 1), or 2 if it is visible."""
         of_octaves = [(octave > 0) - (octave < 0) for octave in self.octaves]
         return np.array([2] * len(self.least) + of_octaves, np.int64)
 
     @property
     def needed(self) -> NDArray[np.uint8]:
-        """The nearest slot that the lens must see for each slot to show.
+        """For each slot, the nearest slot that must be the farthest one seen for it to show.
 
         A visible slot needs itself, an octave the first visible slot with radii of the octave.
         """
@@ -61,13 +61,16 @@ class Slots(NamedTuple):
         return np.array([*range(len(begins)), *first], np.uint8)
 
     def rows(self, level: int, which: set[int]) -> list[int]:
-        """Number of rows of a level that discs of each wanted slot reach; 0 for other slots."""
+        """For each slot, the number of rows at a level that discs reach up and down.
+
+        It is 0 for slots that are not in `which`.
+        """
         reach = [math.ceil(max(w / (1 << level), NEAR[1])) + 2 for w in self.widest]
         return [n if s in which else 0 for s, n in enumerate(reach)]
 
 
 def _layer_of(radius: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The number of the layer of radii in px beyond focus: 0 in focus."""
+    """The number of the layer of each unsigned radius in px: 0 in focus."""
     wide = np.log(np.maximum(radius / ALONE, 1)) / math.log(_RATIO)
     near = np.floor(radius / _DISTANCE + 0.5)
     return np.where(near < _FIRST_WIDE, near, _FIRST_WIDE + np.floor(wide)).astype(np.int64)
@@ -80,7 +83,7 @@ def _begin_of(layer: int) -> float:
 
 
 def _octave_of(radius: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The octave of a hidden surface beyond focus: 0 below 2 px, 1 up to 4 px, and so on."""
+    """The hidden octave of each unsigned radius in px: 0 below 2 px, 1 below 4 px, and so on."""
     return (np.floor(np.log2(np.maximum(radius, _OCTAVE / 2) / _OCTAVE)) + 1).astype(np.int64)
 
 
@@ -89,16 +92,18 @@ _Numbering = Callable[[NDArray[np.float64]], NDArray[np.int64]]
 
 @cache
 def _numbers(numbering: _Numbering, count: int) -> NDArray[np.int64]:
-    """The layer numbers of radii of 0, 1 / STEPS, ... px."""
+    """The numbers of layers or octaves for unsigned radii of 0, 1 / STEPS, ... px."""
     return numbering(np.arange(count) / STEPS)
 
 
 def _table(
     numbering: _Numbering, ends: tuple[float, float]
 ) -> tuple[range, float, NDArray[np.int16]]:
-    """The range of layer numbers (negative before focus), the greatest radius in px, and a table.
+    """The range of signed numbers of layers, the greatest unsigned radius in px, and a table.
 
-    The table [2, n] has, for radii nearer than focus and beyond it, the number less the first.
+    numbering: gives the number of a layer or octave; ends: least and greatest signed radius in px.
+    The table [2, n] holds, for radii of 0, 1 / STEPS, ... px nearer than focus and beyond it, the
+    number of the layer less the first number.
     """
     steps = [int(abs(r) * STEPS + 1 - HALF) for r in ends]
     count = -(-max(steps) // STEPS) * STEPS + 2
@@ -109,7 +114,10 @@ def _table(
 
 
 def slots_between(visible: tuple[float, float], hidden: tuple[float, float] | None) -> Slots:
-    """The slots of visible radii from least to greatest in px, and of hidden ones, if any."""
+    """The slots for visible and for hidden surfaces, of which there may be none.
+
+    visible, hidden: least and greatest signed radius in px.
+    """
     layers, most, table = _table(_layer_of, visible)
     ends = [_begin_of(abs(layer) + 1) for layer in layers]
     levels = [max(0, math.ceil(math.log2(end / WIDEST))) for end in ends]

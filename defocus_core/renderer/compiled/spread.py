@@ -1,8 +1,8 @@
 """Light of pixels spread over their discs: additions at the ends of spans, summed along rows.
 
-A pixel adds its light where its disc begins in a row and takes it away where it ends; running sums
-along the row are the discs. Rows are kept in a ring, for each slot as many as its widest disc has.
-Light is premultiplied: three colours and coverage, one pixel after another.
+In each row, a pixel adds its light where its disc begins and subtracts it where its disc ends; the
+running sums along the row are the discs. Rows are kept in a ring buffer, for each slot as many as
+its widest disc has. Light is premultiplied: three colours and coverage, one pixel after another.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class SurfaceRow(NamedTuple):
 
     light: NDArray[np.float32]  # [4 n]
     radius: NDArray[np.float32]  # [n] px
-    slot: NDArray[np.int16]  # [n], -1 where nothing is
+    slot: NDArray[np.int16]  # [n], -1 where coverage is 0
     slope: NDArray[np.float32]  # [2, n] px per px, x and y
     moved: NDArray[np.float32]  # [4 n] light that the left half has in addition
     work: NDArray[np.float32]  # [4, 4 n] to compute in
@@ -34,21 +34,21 @@ class SurfaceRow(NamedTuple):
 
 
 class Ring(NamedTuple):
-    """Differences along the rows that discs still reach."""
+    """A ring buffer of the rows that discs can still reach, as differences between pixels."""
 
-    sums: NDArray[np.float32]  # rows of `views` times 4 (width + 2)
+    sums: NDArray[np.float32]  # flat: rows of `views` times 4 (width + 2) numbers
     pixels: NDArray[np.float32]  # the same as pixels [n, 4]
     start: NDArray[np.int64]  # [slots] first row of each slot
-    rows: NDArray[np.int64]  # [slots] number of its rows; 0 of slots that are not spread
+    rows: NDArray[np.int64]  # [slots] number of rows of each slot; 0 for slots that are not spread
     first: NDArray[np.int64]  # [rows] first pixel that differs from 0
-    last: NDArray[np.int64]  # [rows] last one; -1 where none does
-    reached: NDArray[np.int64]  # [slots, 3] by the line that is spread, see `_mark`
+    last: NDArray[np.int64]  # [rows] last pixel that differs from 0; -1 if none does
+    reached: NDArray[np.int64]  # [slots, 3] pixels that the present line reaches, see `_mark`
     views: int  # 1: the centre; 2: the centre and its left half
     width: int
 
 
 class Room(NamedTuple):
-    """Room to spread slots in, and for a row of their sums."""
+    """Memory in which slots are spread, and memory for one row of their sums."""
 
     ring: Ring
     line: SurfaceRow
@@ -58,7 +58,11 @@ class Room(NamedTuple):
 
 
 def room_of(reach: list[int], views: int, width: int) -> Room:
-    """Memory of slots, by the rows that each reaches; 0 for slots that are not spread."""
+    """Memory to spread slots in.
+
+    reach: for each slot, the number of rows that its discs reach up and down; 0 for slots that are
+    not spread; views: 2 if the left half is needed, else 1; width: in px.
+    """
     most = max(reach, default=0)
     rows = np.array([most + n + 1 if n else 0 for n in reach], np.int64)
     start = rows.cumsum() - rows
@@ -76,9 +80,10 @@ def room_of(reach: list[int], views: int, width: int) -> Room:
 
 @compiled
 def add_ends(sums, a, c, x0, n, width, off, sign):
-    """Add a run of pixels, whose spans end `off` px from their middles, to a row at index a.
+    """Add the light of adjacent pixels to a row where their spans begin (or end).
 
-    c: [4 n] light; x0: the first pixel.
+    sums: rows of differences; a: index of the row; c: [4 n] light; x0: the first pixel; n: number
+    of pixels; off: px from the middle of a pixel to the beginning (end) of its span; sign: 1 (-1).
     """
     p = off + F32(0.5)
     i0 = np.int64(np.int32(p + F32(8192))) - 8192
@@ -111,7 +116,10 @@ def add_ends(sums, a, c, x0, n, width, off, sign):
 
 @compiled
 def _add_end(pixels, a, width, end, q0, q1, q2, q3):
-    """Add the light of one pixel from `end` px on to a row of pixels [n, 4] that begins at a."""
+    """Add the light of one pixel to a row of differences at position `end`, in px.
+
+    pixels: [n, 4]; a: index of the row's first pixel; q0 to q3: three colours and coverage.
+    """
     end = min(max(end, F32(0)), width)
     below = np.floor(end)
     f = end - below
@@ -130,7 +138,7 @@ def _add_end(pixels, a, width, end, q0, q1, q2, q3):
 
 @compiled
 def add_span(pixels, a, width, begin, end, light, share):
-    """Add the span [begin, end] px of one pixel, its light times a share, to a row."""
+    """Add the span from `begin` to `end` px of one pixel, with a share of its light, to a row."""
     q0, q1, q2, q3 = light[0] * share, light[1] * share, light[2] * share, light[3] * share
     _add_end(pixels, a, width, begin, q0, q1, q2, q3)
     _add_end(pixels, a, width, end, -q0, -q1, -q2, -q3)
@@ -138,13 +146,13 @@ def add_span(pixels, a, width, begin, end, light, share):
 
 @compiled
 def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
-    """Spread one pixel over rows of pixels [n, 4].
+    """Spread one pixel over the rows that its disc reaches.
 
-    light: its four channels; moved: what these have more in the left half; lean: its slopes,
-    divided by its radius; q: the number of its radius; place: column and row, the first row that
-    its disc reaches and the one after the last, and the side of focus; to: the first row of its
-    slot in the ring, the number of its rows, views, and pixels in a row; half: the area of the disc
-    divided by that of its left half.
+    light: its four channels; moved: what the left half has in addition; lean: its slopes x and y
+    divided by its radius; q: its radius in steps; place: column, row, first row that its disc
+    reaches, row after the last, and side of focus; to: first row of its slot in the ring, number of
+    these rows, views, and pixels in a row; half: area of the disc divided by the area of its left
+    half.
     """
     gx, gy = lean
     column, row, begin, end, side = place
@@ -181,9 +189,10 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
 
 @compiled
 def _run_of(line, j, n, scale, moves):
-    """Copy n pixels of a line, times a scale, to its room: light, what slopes add to it, and moves.
+    """Copy n pixels from index `j` of a line on, times `scale`, to `line.work`.
 
-    Returns whether any pixel has a slope down, and whether any has moves other than 0.
+    The rows of `work` are light, light times slope down over radius, and moved light, if `moves`.
+    Returns whether any pixel has a slope down, and whether any has moved light.
     """
     c, cy, cm = line.work[0], line.work[1], line.work[2]
     sloping = moving = False
@@ -205,9 +214,11 @@ def _run_of(line, j, n, scale, moves):
 
 @compiled
 def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
-    """Spread n pixels of one radius without horizontal slopes, from the j-th of a line on.
+    """Spread n pixels from index `j` of a line on, all of one radius and without slopes across.
 
-    place, scale, half: as of `_spread_pixel`, without the column; and one divided by the area.
+    place: row, first row that the discs reach, row after the last, and side of focus; q: the radius
+    in steps; scale: share of the light divided by the area of the disc; half: as for
+    `_spread_pixel`.
     """
     width, views, sums = ring.width, ring.views, ring.sums
     y, begin, end, side = place
@@ -240,7 +251,11 @@ def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
 
 @compiled
 def _mark(ring, reached, y, band, before):
-    """Note which pixels the slots of a line reach: [slots, 3] first, last and radius in px."""
+    """Note in the ring which pixels of its rows the slots of a line reach.
+
+    reached: [slots, 3] first pixel of the line, pixel after the last, and radius in px; reset;
+    before: pixels of the line before the frame.
+    """
     for s in range(reached.shape[0]):
         if reached[s, 1] < 0:
             continue
@@ -262,7 +277,10 @@ def step_of(radius):
 
 @compiled
 def _same_from(slots, radius, x, most):
-    """The number of pixels from x on alike in slot, step and side; then their step and side."""
+    """The number of pixels from x on with the same slot, radius in steps, and side of focus.
+
+    most: the greatest radius in steps. Returns the number, the radius in steps, and the side.
+    """
     slot, side, q, n = slots[x], radius[x] > 0, min(step_of(radius[x]), most), 1
     while x + n < radius.shape[0] and slots[x + n] == slot:
         other = radius[x + n]
@@ -274,7 +292,7 @@ def _same_from(slots, radius, x, most):
 
 @compiled
 def spread_line(line, y, band, opening, ring):
-    """Spread the pixels of a line at row y, within the rows [band[0], band[1])."""
+    """Spread the pixels of a line, at row y, over the rows of `ring` in [band[0], band[1])."""
     # arrays of records are counted each time they are named: once is enough
     light, radius, slots, slope, more = line.light, line.radius, line.slot, line.slope, line.moved
     spans, area, left_area, shares = opening.spans, opening.area, opening.left_area, opening.share
@@ -325,7 +343,7 @@ def spread_line(line, y, band, opening, ring):
 
 @compiled
 def take_rows(room, y):
-    """Take row y of all slots out of the ring: its sums, for each slot from its first pixel on."""
+    """Write the sums along row y of all slots to `room.sums`, and clear the row in the ring."""
     ring, ends, stride = room.ring, room.ends, 4 * (room.ring.width + 2)
     sums = ring.sums
     for s in range(ring.rows.shape[0]):

@@ -1,7 +1,7 @@
-"""Surfaces to spread: light, radii, slots and slopes of pixels, at full or reduced resolution.
+"""Surfaces to be blurred: light, radii, slots and slopes, at full or reduced resolution.
 
-A disc many px wide blurs away fine detail: pixels of large radii are averaged to half, a quarter,
-... of the resolution, those nearer than focus and those beyond it apart.
+A disc many px wide blurs away fine detail: pixels of large radii are averaged to 1/2, 1/4, ... of
+the resolution, separately for surfaces nearer than focus and for surfaces beyond it.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _SMALL = SMALL**2
 
 
 class SlotSurfaces(NamedTuple):
-    """The surfaces at each pixel: that of its depth, and parts of a nearer one."""
+    """The surfaces at each pixel: first the surface at its depth, then parts of nearer ones."""
 
     light: NDArray[np.float32]  # [n, H, 4 W] three colours premultiplied by coverage, and coverage
     radius: NDArray[np.float32]  # [n, H, W] signed, in its own pixels
-    slot: NDArray[np.int16]  # [n, H, W], -1 where nothing is
+    slot: NDArray[np.int16]  # [n, H, W], -1 where coverage is 0
     # [2, H, W] slope of the radius of the first one, px per px, x and y; [2, 0, 0] if it is level
     slope: NDArray[np.float32]
     # [H, 4 W] light that its left half has in addition, see `lost_shifts`; [0, 0] if none
@@ -34,9 +34,10 @@ class SlotSurfaces(NamedTuple):
 
 @compiled
 def _find_slots(light, radius, table, level, slot):
-    """The slot of each pixel by its radius: slot [n, H, W], -1 where coverage is 0.
+    """Write the slot of each pixel by its radius: slot [n, H, W], -1 where coverage is 0.
 
-    table: [2, n] of radii nearer than focus and beyond it, in STEPS of a px of level 0.
+    radius: in pixels of `level`; table: [2, n], slots of radii nearer than focus and beyond it, in
+    steps of 1 / STEPS px of level 0.
     """
     count, height, width = radius.shape
     most = table.shape[1] - 1
@@ -50,10 +51,11 @@ def _find_slots(light, radius, table, level, slot):
 
 @entry
 def surfaces_of(light, radius, table, level, minimum, lost):
-    """SlotSurfaces with their slots, slopes and moves.
+    """`SlotSurfaces` of light [n, H, 4 W] and radii [n, H, W].
 
-    table: see `_find_slots`; level: whose pixels they are in; minimum: slope below which surfaces
-    count as level; lost: shifts to make up for, [2, n] of openings, or [2, 0].
+    table: see `_find_slots`; level: the level of resolution of the pixels; minimum: slope below
+    which surfaces count as level; lost: [2, n] of `lost_shifts`, which are corrected, or [2, 0] for
+    none.
     """
     slot = np.empty(radius.shape, np.int16)
     _find_slots(light, radius, table, level, slot)
@@ -66,14 +68,14 @@ def surfaces_of(light, radius, table, level, minimum, lost):
 
 @compiled
 def _limited(a, b):
-    """A mean of two differences in which the lesser counts more."""
+    """A weighted mean of two differences, in which the smaller one has more weight."""
     a2, b2 = a * a + F32(_SMALL), b * b + F32(_SMALL)
     return (a * b2 + b * a2) / (a2 + b2)
 
 
 @compiled
 def _slopes(radius, minimum):
-    """The slopes [2, H, W] of a surface, at most 1 long; [2, 0, 0] if it is level."""
+    """The slopes [2, H, W] of radii, at most 1 long; [2, 0, 0] if none exceeds `minimum`."""
     height, width = radius.shape
     slope, steep = np.empty((2, height, width), np.float32), np.empty((height, width), np.uint8)
     found = False
@@ -101,7 +103,10 @@ def _slopes(radius, minimum):
 
 @compiled
 def _keep_wide_slopes(slope, steep):
-    """Remove slopes that few of the pixels around share; returns whether any is left."""
+    """Set slopes to 0 where few of the pixels around are steep; return whether any are left.
+
+    steep: [H, W], 1 where a pixel is steep.
+    """
     height, width = steep.shape
     columns, counts = np.zeros(width + 1, np.int32), np.zeros(width, np.int32)
     kept = False
@@ -128,7 +133,10 @@ def _keep_wide_slopes(slope, steep):
 
 @compiled
 def _find_moved(light, radius, lost, moved):
-    """The light that the left half gains where shifts are lost: [H, 4 W] without coverage."""
+    """Write the light that the left half gains where its shift is lost: moved [H, 4 W].
+
+    lost: [2, n] of `lost_shifts`; coverage stays 0.
+    """
     height, width = radius.shape
     for y in range(height):
         for x in range(width):
@@ -150,7 +158,7 @@ def _find_moved(light, radius, lost, moved):
 
 @compiled
 def spread_row(surfaces, y, band, opening, room):
-    """Spread the row that is nearest to y within the rows [band[0], band[1])."""
+    """Spread the row of the surfaces that is closest to row y, over the rows [band[0], band[1])."""
     line, (count, height, width) = room.line, surfaces.radius.shape
     light, radius, slot, slope, moved = surfaces
     before, row = line.before, min(max(y, 0), height - 1)
@@ -173,7 +181,7 @@ def spread_row(surfaces, y, band, opening, room):
 
 @compiled
 def _clear(sums, slot, first, end):
-    """Set the sums of a slot to 0 from the first pixel to the one before `end`."""
+    """Set the sums of a slot to 0 at the pixels from `first` to `end` - 1."""
     for view in range(sums.shape[0]):
         for i in range(4):
             for x in range(first, end):
@@ -182,7 +190,10 @@ def _clear(sums, slot, first, end):
 
 @compiled
 def add_points(surfaces, y, shares, room):
-    """Add light near focus that stays in its pixel to the sums of row y; shares: of the disc."""
+    """Add the light near focus that stays in its pixel to the sums of row y.
+
+    shares: for each radius in steps, the share of the light that is spread over a disc.
+    """
     sums, ends, views = room.sums, room.ends, room.ring.views
     light, radius, slot, _, moved = surfaces
     for k in range(radius.shape[0]):
@@ -205,10 +216,11 @@ def add_points(surfaces, y, shares, room):
 
 @entry
 def halved(surfaces, levels, level, side, coarse, table):
-    """The surfaces of one side of focus that are spread at a level or coarser, in px of the level.
+    """Surfaces on one side of focus, averaged to the coarse pixels of `level`.
 
-    surfaces: in pixels of the level before; levels: of the slots; coarse: `Coarse`. Pixels beyond
-    the frame equal those on its edge.
+    surfaces: in pixels of the next finer level; levels: for each slot, the level at which it is
+    blurred, of which only `level` and coarser ones are kept; side: whether beyond focus; table: see
+    `_find_slots`. Pixels on the edge of the frame are repeated beyond it.
     """
     h, w = coarse.length[level, 0], coarse.length[level, 1]
     light, radius = np.zeros((1, h, 4 * w), np.float32), np.zeros((1, h, w), np.float32)
@@ -237,7 +249,11 @@ def halved(surfaces, levels, level, side, coarse, table):
 
 @compiled
 def _add_row(surfaces, k, y, wanted, coarse, down, i, light, radius, slope):
-    """Add the pixels of row y, times a share, to coarse ones: light, radii and slopes."""
+    """Add row `y` of surface `k`, times the share `down`, to row `i` of coarse pixels.
+
+    wanted: levels, level and side, as for `halved`; light, radius, slope: coarse pixels; radii and
+    slopes are weighted by coverage.
+    """
     (levels, level, side), (height, width) = wanted, surfaces.radius.shape[1:]
     given, radii, slot, slopes, _ = surfaces
     row, odd, before = min(max(y, 0), height - 1), coarse.odd[1], coarse.before[level, 1]

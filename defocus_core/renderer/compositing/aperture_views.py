@@ -1,13 +1,14 @@
 """Colours and coverage of a tile through each part of the aperture, composited front to back.
 
-Known surfaces follow three laws. Slices of a layer, and visible samples of neighbouring layers, add
-up (a saturating sum), because parts of one continuous surface are complementary. Samples of one
-pixel occlude each other by their coverage (`over`), as they are uncorrelated; what shows of them is
-their visible share. Surfaces out of focus cover each other by chance: behind a front of coverage A
-the lens sees a (1 - A) of a layer of coverage a. Where this exceeds the visible share of the layer,
-the lens looks past what hides the layer from the pinhole, and the hidden share adds the difference.
-In focus, where A and a are those of the pixel, the difference is 0. Nothing is seen behind opaque
-samples unless one of their edges is in reach (`Openings`).
+Known surfaces follow three laws. First, slices of a layer, and visible samples of neighbouring
+layers, add up (a saturating sum), because parts of one continuous surface are complementary.
+Second, samples of one pixel occlude each other by their coverage (`over`), as they are
+uncorrelated: the visible share of a sample is what nearer samples leave. Third, surfaces out of
+focus cover each other by chance: behind a front of coverage A the lens sees the share 1 - A of a
+layer. Where this exceeds the visible share of the layer, the lens looks past the samples that hide
+the layer from the pinhole, and the hidden share of the layer adds the difference. In focus, where
+the coverages are those of the pixel, the difference is 0. Nothing is seen behind opaque samples
+unless one of their edges is in reach (`Openings`).
 """
 
 from __future__ import annotations
@@ -38,7 +39,11 @@ def _fraction_hidden(
     full: Tensor | float,
     room: Tensor,  # [h, w], the share of a gap that is no error
 ) -> Tensor:
-    """The share [M, 1, h, w] of a hidden layer that the lens sees."""
+    """The share [M, 1, h, w] of the hidden part of a layer that the lens sees.
+
+    `shown`, `behind`: the visible and the hidden part of the layer; `full`: coverage of a pixel
+    that is completely covered.
+    """
     whole = coverage = behind.layer[:, -1:].clamp(min=0)
     if shown is not None:
         whole = whole + shown.layer[:, -1:].clamp(min=0)
@@ -55,7 +60,7 @@ _NEGLIGIBLE = 0.05
 
 
 class Aside(NamedTuple):
-    """Surfaces that were set aside."""
+    """Surfaces that were set aside by `TileCompositor.set_aside`."""
 
     composited: Tensor  # [M, C + 1, h, w], all that was composited
     covered: Tensor  # [M, 1, h, w], the coverage with which compositing continued
@@ -63,13 +68,14 @@ class Aside(NamedTuple):
 
 
 class TileCompositor:
-    """The surfaces of a tile composited so far, as M parts of the aperture see them.
+    """The surfaces of a tile composited so far, as seen through M parts of the aperture.
 
     Attributes:
         front: [M, C + 1, h, w], colour times coverage, then coverage.
         moved: [m, C, h, w], the change of the colours of left and right by shifts of less than a
             pixel; None if there is none.
         invented: [M, h, w], coverage by invented surfaces; None if there is none.
+        sight: How far the lens sees at each pixel; None where nothing limits it.
     """
 
     def __init__(
@@ -77,8 +83,9 @@ class TileCompositor:
     ) -> None:
         """Begin without surfaces.
 
-        `sight`: how far the lens sees at each pixel; None where nothing limits it; `closed`:
-        whether surfaces cover all of each pixel.
+        `blank`: [M, C + 1, h, w], zeros; `full`: coverage of a pixel that is completely covered;
+        `sight`: how far the lens sees at each pixel; `closed`: whether surfaces cover every pixel
+        completely.
         """
         self.front = blank
         self.moved: Tensor | None = None
@@ -90,7 +97,7 @@ class TileCompositor:
         self._reserved: Tensor | None = None
 
     def add(self, number: int, shown: ShownLayer | None, behind: ShownLayer | None) -> None:
-        """Add the visible part of a layer, and its known hidden part."""
+        """Add the visible part of layer `number`, and its known hidden part, behind the front."""
         full, sight = self._full, self.sight
         if isinstance(sight, Openings):
             self._covered[number] = self.coverage
@@ -111,7 +118,7 @@ class TileCompositor:
             self._hidden.append((behind.layer * (1 - fraction), room))
 
     def close(self) -> None:
-        """Close the gaps in opaque surfaces through which nothing is seen: they are errors."""
+        """Close gaps in opaque surfaces through which nothing can be seen: they are errors."""
         if not isinstance(self.sight, Openings):
             return
         for rest, room in self._hidden if self._closed else ():
@@ -125,13 +132,13 @@ class TileCompositor:
 
     @property
     def coverage(self) -> Tensor:
-        """The coverage [M, 1, h, w]."""
+        """The coverage [M, 1, h, w] composited so far."""
         return self.front[:, -1:]
 
     def set_aside(self, near: Tensor) -> Aside:
         """Set the surfaces nearer than focus aside, until `put_together`.
 
-        `near`: the coverage [M, 1, h, w] of these.
+        `near`: the coverage [M, 1, h, w] of these surfaces.
         """
         front, full = self.front, sent(self._full, self.front)
         # where these cover all, nothing is seen behind: as if it were full
@@ -142,10 +149,10 @@ class TileCompositor:
         return aside
 
     def close_gaps(self, aside: Aside) -> None:
-        """Close gaps that are small beside the coverage of the surfaces set aside.
+        """Close gaps that are small compared with the coverage of the surfaces set aside.
 
-        What these hide is continued at half the resolution: with what is visible of the same
-        surface it may not quite cover all, and a bright sky behind both must not show.
+        The surface that these hide is continued at half the resolution: together with its visible
+        part it may not quite cover the pixel, and a bright sky behind both must not show.
         """
         gap = (self._full - self.front[:, -1:]).clamp(min=0)
         near = aside.composited[:, -1:] - aside.covered
@@ -161,7 +168,7 @@ class TileCompositor:
             self.invented = self.invented * larger[:, 0]
 
     def put_together(self, aside: Aside) -> None:
-        """Composite the surfaces set aside over those composited since."""
+        """Composite the surfaces set aside over those composited since then."""
         since, self.invented = self.invented, aside.invented
         layer = _changed(self.front, -aside.covered)
         layer, fraction = shown_behind(aside.composited, layer, self._full)
@@ -170,14 +177,14 @@ class TileCompositor:
             self._add_invented(since, fraction[:, 0])
 
     def _add_invented(self, covered: Tensor, share: Tensor) -> None:
-        """Count a share of a coverage [M, h, w] as invented."""
+        """Count the coverage [M, h, w] of a layer, times a share, as invented."""
         if self.invented is None:
             self.invented = covered * share
         else:
             self.invented = torch.addcmul(self.invented, covered, share)
 
     def fill(self, layer: Tensor) -> None:
-        """Add an invented surface over the tile, [M, C + 1, h, w]."""
+        """Add an invented surface [M, C + 1, h, w] in the gaps of the front."""
         layer, fraction = shown_behind(self.front, layer, self._maximum)
         if self._negligible:  # in each pixel for itself, whatever else is in the tile
             gap = self._maximum - self.front[:, -1:]
@@ -198,16 +205,16 @@ class TileCompositor:
 
     @property
     def _negligible(self) -> float:
-        """The greatest gap that is not worth filling, as coverage."""
+        """The greatest gap in coverage that is not worth filling."""
         return _NEGLIGIBLE if isinstance(self.sight, Openings) else 0.0
 
     @property
     def _maximum(self) -> Tensor | float:
-        """Greatest coverage once an invented surface is added."""
+        """The greatest coverage up to which invented surfaces may fill a pixel."""
         return self._full if self._reserved is None else self._full - self._reserved
 
 
 def _changed(front: Tensor, added: Tensor, factor: Tensor | float = 1.0) -> Tensor:
-    """A front [m, C + 1, h, w] with more coverage, its colours times a factor."""
+    """A front [m, C + 1, h, w] with `added` coverage, and with its colours times `factor`."""
     color, coverage = front.tensor_split([-1], 1)
     return torch.cat([color * factor, coverage + added], 1)

@@ -1,14 +1,14 @@
-"""Highlights: the few brightest pixels, drawn as discs by their rims, clipped by nearer surfaces.
+"""Highlights: the few brightest pixels, each drawn as a disc, which nearer surfaces clip.
 
 Almost all energy of a scene with lights is in few pixels. Layers would fade the discs that a wire
-before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over
-everything. So the light of such a pixel is taken out of the layers and drawn as a disc of its own.
+before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over the
+picture. So the light of such a pixel is removed from the layers and drawn as a separate disc.
 
-Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
+Disc pixel x of a light at q is seen through lens point u = (x - q) / r_q, and a nearer surface of
 radius r_k in front of it at q + u (r_q - r_k). Beside depth edges the coverage there is
-interpolated between pixels: a shadow has a rim as smooth as its surface. Discs are drawn square by
-square, and a square is looked at only by slices in front of it. A small disc has too few pixels to
-sample u: it is dimmed evenly, by the mean over the lens.
+interpolated between pixels, so that the rim of a shadow is as smooth as the surface. Discs are
+drawn in squares, and each square is compared only with slices in front of it. A small disc has too
+few pixels to sample u: it is dimmed evenly, by the mean over the lens.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from defocus_core.tensors.neighbourhoods import exceeding, extreme_around, posit
 
 
 class Highlights(NamedTuple):
-    """Pixels to be drawn one by one."""
+    """Pixels that are drawn as separate discs."""
 
     at: Tensor  # [n, 2] rows and columns
     light: Tensor  # [n, C] their colours
@@ -40,9 +40,10 @@ class Highlights(NamedTuple):
 
 
 def reached_by(farthest: int) -> int:
-    """The margin in px on which a region's highlights depend; `farthest`: greatest blur.
+    """The width in px of the border around a region on which its highlights depend.
 
     The disc of a highlight outside the region may reach into it, clipped by nearer surfaces.
+    `farthest`: greatest reach of blur in px.
     """
     return 3 * farthest + 2 * BLOCK
 
@@ -50,9 +51,10 @@ def reached_by(farthest: int) -> int:
 def split(
     layers: Sequence[SampleLayer], channels: int, limit: float
 ) -> tuple[Sequence[SampleLayer], list[Highlights]]:
-    """Separate highlights from layers, which keep ordinary light there.
+    """Layers with only ordinary light in the pixels of highlights, and the highlights.
 
-    `channels`: number of colour channels; highlights have only these, and alpha is unchanged.
+    `channels`: number of colour channels; highlights have only these, and alpha is unchanged;
+    `limit`: brightness above which a pixel is a highlight.
     """
     lights = [layer.light for layer in layers]
     brightness = [light.detach()[:channels].amax(0) for light in lights]
@@ -83,15 +85,15 @@ _TOWARDS = 0.01
 
 
 def nearer_than(radius: Tensor) -> Tensor:
-    """The radius [n] px below which a surface occludes lights of radii [n] px."""
+    """The radii [n] px below which a surface is in front of lights of radii [n] px."""
     return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
 
 
 class _Occluders:
-    """Surfaces before lights."""
+    """Surfaces that may hide parts of lights."""
 
     def __init__(self, layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> None:
-        """Find the depth edges, and the blocks of each slice; `radii`: those of slices in px."""
+        """Find the depth edges, and the blocks of each slice; `radii`: slice radii in px."""
         r = layers[0].signed_radius.detach()
         self._radii, self._size = radii, (r.shape[0], r.shape[1])
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
@@ -111,11 +113,11 @@ class _Occluders:
     def clear(
         self, at: Tensor, radius: Tensor, lens: Sequence[Tensor], *, interpolated: bool
     ) -> Tensor:
-        """The share [n, a, b] of each lens point that no nearer surface hides.
+        """The share [n, a, b] of lights that nearer surfaces do not hide at each lens point.
 
         `at`: [n, 2] rows and columns of lights; `radius`: [n] px of them; `lens`: rows [n, a] and
-        columns [n, b] of lens points; `interpolated`: whether coverage beside edges is
-        interpolated between pixels.
+        columns [n, b] of lens points; `interpolated`: whether coverage beside edges is interpolated
+        between pixels.
         """
         limit = nearer_than(radius.detach())
         covered = radius.new_zeros(len(at), lens[0].shape[1], lens[1].shape[1])
@@ -134,7 +136,10 @@ class _Occluders:
         return 1 - covered.clamp(max=1)
 
     def _has_pixels(self, k: int, at: Tensor, away: Sequence[Tensor]) -> Tensor:
-        """Whether [n] a slice has pixels in the blocks of rectangles at offsets from lights."""
+        """Whether slice `k` has pixels in the blocks around each of n lights: [n] bool.
+
+        `away`: px from the lights to the rows and the columns of interest.
+        """
         ends = []
         for d, (px, length) in enumerate(zip(away, self._size, strict=True)):
             limits = (at[:, d] + px.amin(1)).floor(), (at[:, d] + px.amax(1)).ceil()
@@ -148,7 +153,10 @@ class _Occluders:
     def _coverage(
         self, k: int, at: Tensor, away: Sequence[Tensor], limit: Tensor, *, interpolated: bool
     ) -> Tensor:
-        """The coverage [n, a, b] by a slice, rows [n, a] and columns [n, b] away from lights."""
+        """The coverage [n, a, b] by slice `k` at rows [n, a] and columns [n, b] away from lights.
+
+        `limit`: [n], radii that surfaces in front of the lights do not reach.
+        """
         (n, a), b = away[0].shape, away[1].shape[1]
         rows, columns = (
             # rounding must not depend on the side of a place in the middle between two pixels
@@ -169,7 +177,7 @@ class _Occluders:
         return covered.view(n, a, b)
 
     def _between_pixels(self, y: Tensor, x: Tensor, k: int, limit: Tensor) -> Tensor:
-        """The coverage by a slice at rows and columns [n], interpolated between four pixels."""
+        """The coverage by slice `k` at fractional rows and columns [n], interpolated bilinearly."""
         limits = []
         for position, length in zip((y, x), self._size, strict=True):
             below = position.floor()
@@ -184,7 +192,7 @@ class _Occluders:
         return total
 
     def _covered(self, spot: Tensor, k: int, limit: Tensor) -> Tensor:
-        """The coverage of pixels [n] by a slice, of surfaces whose radius is below a limit [n]."""
+        """The coverage of pixels [n] by slice `k`, by surfaces with radii below `limit` [n]."""
         total = torch.zeros_like(limit)
         for layer, present in zip(self._layers, self._present, strict=True):
             if present[k]:
@@ -234,7 +242,10 @@ def draw(
     box: Box,
     barrel: Rim | None = None,
 ) -> Tensor:
-    """The discs of all highlights as the parts of the aperture see them: [M, C, height, width]."""
+    """The discs of all highlights through each part of the aperture: [M, C, height, width].
+
+    `box`: the rectangle of the result; `barrel`: the pupil as each highlight sees it.
+    """
     maximum = max(*layers[0].signed_radius.shape, box.top + box.height, box.left + box.width)
     occluders, colors = _Occluders(layers, radii), highlights.light.shape[1]
     # a last pixel takes what lies beyond the box
@@ -264,7 +275,10 @@ def draw(
 
 
 def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
-    """Indices [n, side, side] in a box of the pixels of squares; the area of the box if outside."""
+    """Indices in `box` of the pixels of squares [n, side, side]; the area of the box if outside.
+
+    `corner`: [n, 2], row and column of the first pixel of each square.
+    """
     rows, columns = (
         corner[:, d, None] + torch.arange(side, device=corner.device) - start
         for d, start in enumerate(box[:2])
@@ -275,7 +289,7 @@ def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
 
 
 def _clear(occluders: _Occluders, at: Tensor, radius: Tensor, corner: Tensor, side: int) -> Tensor:
-    """The share [n, side, side] of the squares of discs that nearer surfaces do not hide.
+    """The share [n, side, side] of light in squares of discs that nearer surfaces do not hide.
 
     `at`, `radius`: of the lights; `corner`: [n, 2] px from lights to first pixels of squares.
     """
@@ -303,7 +317,10 @@ def _groups(
     box: Box,
     barrel: Rim | None,
 ) -> Iterator[_Group]:
-    """The highlights whose discs, up to `maximum` px wide, reach a box: in groups, widest first."""
+    """Yield the highlights whose discs reach `box`, in groups of similar width, widest first.
+
+    `maximum`: greatest reach of a disc in px.
+    """
     corner = sent([box.top, box.left], highlights.at)
     last = corner + sent([box.height - 1, box.width - 1], corner)
     away = torch.maximum(corner - highlights.at, highlights.at - last).amax(1)
@@ -335,10 +352,11 @@ def _groups(
 
 
 def _as_by_slices(radius: Tensor, slice_radii: tuple[float, ...]) -> tuple[Tensor, Tensor]:
-    """The radii [U] px of the kernels of discs, and their weights; the rest of a disc is a point.
+    """The radii [U] px of the kernels of discs, and the shares of light in these kernels.
 
-    Pixels next to focus are the mean of a point and of the first slice out of focus. A light among
-    them is blurred alike: were it a point, with their light on it, it would be too bright.
+    The rest of the light stays in its pixel. Pixels next to focus are blurred by the mean of a
+    point and of the first slice out of focus, and so is a highlight among them: as a point, with
+    the light of its neighbours added, it would be too bright.
     """
     weight = torch.ones_like(radius)
     if 0.0 not in slice_radii:

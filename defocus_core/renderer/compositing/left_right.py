@@ -1,7 +1,8 @@
-"""Left and right: what the halves of the aperture see, corrected so that their mean is the centre.
+"""Left and right: views through the halves of the aperture, whose mean is made the centre.
 
-Occlusion within a half differs from that within the whole, so the mean of halves composited alone
-is near the centre but not equal. Every step of the correction keeps the mean that the first makes.
+Occlusion within a half differs from occlusion within the whole aperture, so the mean of halves that
+are composited separately is close to the centre but not equal. The first step of the correction
+makes them equal; the further steps keep the mean.
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ def left_and_right(
     has_alpha: bool = False,
     dual_pixel: DualPixel | None = None,
 ) -> Tensor:
-    """Left and right images [2, C, h, w] whose mean is the centre, of halves composited alone.
+    """Left and right images [2, C, h, w] whose mean, weighted by area, is the centre.
 
     Args:
         halves: [2, C, h, w], left and right as composited.
         centre: [C, h, w], within the limits.
         limits: The range of each channel.
-        minimum: The least light.
-        fraction: The share of the light of both that is of the left one.
-        has_alpha: Whether the last channel is alpha, of which nothing has more than 1.
-        dual_pixel: The photodiodes, which may give each other light.
+        minimum: The least light of the picture.
+        fraction: The left image's share of the light of both.
+        has_alpha: Whether the last channel is alpha, which is at most 1.
+        dual_pixel: The photodiodes, which may exchange light; None for ideal ones.
     """
     pair = _around_centre(halves, centre, minimum, fraction)
     pair = _within_range(pair, centre, limits, fraction)
@@ -45,11 +46,11 @@ def left_and_right(
 
 
 def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
-    """Count the pixels whose left or right image is too dark, which `left_and_right` bounds.
+    """Count the pixels that are too dark in left or right, which `left_and_right` corrects.
 
-    A half of the aperture overshoots where detail is as fine as a pixel. Values of less than a
-    thousandth of the brightest are not counted. On a GPU the counts are omitted, as each tile would
-    have to wait for its count.
+    The image through a half of the aperture overshoots where detail is as fine as a pixel. Values
+    of less than a thousandth of the brightest are not counted. On a GPU the counts are omitted, as
+    each tile would have to wait for its count.
 
     `halves`: [2, C, h, w], left and right as composited.
     """
@@ -60,7 +61,7 @@ def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> di
 
 
 def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Scalar) -> Tensor:
-    """The pair whose mean is the centre, with the same ratio of light above the least light."""
+    """The pair whose mean is the centre, with the halves' ratio of light above `minimum`."""
     if minimum:
         centre = centre - minimum
     # transforms leave ±1e-8
@@ -81,7 +82,7 @@ def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Sca
 def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Scalar) -> Tensor:
     """Left and right [2, C, ..., h, w], clipped to the range widened by a tenth at both ends.
 
-    `centre`: [C, ..., h, w] within the range.
+    Their mean does not change. `centre`: [C, ..., h, w] within the range.
     """
     more = OVERSHOOT * (limits.greatest - limits.least)
     more = torch.where(more < torch.inf, more, 0.0)
@@ -97,9 +98,9 @@ def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Sc
 
 
 def _within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
-    """Left and right [2, C, h, w] whose last channel, alpha, is 1 at most; their mean stays.
+    """Left and right [2, C, h, w] with alpha, the last channel, at most 1; their mean stays.
 
-    The excess over an alpha of 1, with its colours, moves to the other view, whose half sees it.
+    The excess over an alpha of 1, with its colours, is moved to the other view.
     """
     alpha = pair[:, -1:]
     excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)
@@ -108,6 +109,6 @@ def _within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
 
 
 def _is_half(fraction: Scalar) -> bool:
-    """Whether a share of the aperture is a half of it."""
+    """Whether a share of the aperture is one half, up to rounding."""
     value = torch.as_tensor(fraction, dtype=torch.float64).detach()
     return bool(((value - 0.5).abs() <= EQUAL).all())

@@ -1,12 +1,12 @@
-"""The saturating sum: layers composited front to back by coverage, and the pictures of the sum.
+"""The saturating sum: layers composited front to back by coverage, and limits of the result.
 
 Coverage is the share of an aperture part that sees a slice. Slices of one continuous surface have
 complementary coverage and must add up; separate surfaces must occlude. The saturating sum does
 both: each slice adds its coverage until the whole part is covered.
 
-A view is a mean of the scene, neither darker nor brighter. Layers and discs of lights lose and gain
-light by rounding and by clipping. So colours are bounded by the least and greatest value of their
-channel: an opaque alpha stays opaque.
+A view is a mean of the light of a scene, so it is neither darker nor brighter than the scene.
+Layers and discs of highlights lose and gain light by rounding and by clipping. So colours are
+limited to the least and the greatest value of their channel, and an opaque alpha stays opaque.
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ EQUAL = 1e-6
 
 
 def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """The share of a layer that shows behind the layers composited so far.
+    """The share [M, 1, h, w] of a layer that shows behind the layers composited so far.
 
-    The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a that of the
-    layer: A grows by min(a, 1 - A). A negative a, by rounding or by overshoot, counts as 0.
+    The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a is the
+    coverage of the layer: A grows by min(a, 1 - A). A negative a, by rounding or by overshoot,
+    counts as 0.
 
-    `front`: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1]. Returns
-    [M, 1, h, w].
+    `front`, `layer`: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1];
+    `full`: coverage of a pixel that is completely covered.
     """
     left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
     added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
@@ -56,10 +57,11 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
 
 
 def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
-    """A layer and its `fraction_behind`, with the gradient of coverage that would rise from 0.
+    """A layer and its `fraction_behind`, with a gradient also where coverage is 0.
 
-    Where the front leaves room, a coverage rising from 0 shows entirely, and so does its gradient.
-    The present value is rounding and is unchanged; its share is 1.
+    Where the front leaves room, a layer whose coverage rises from 0 shows entirely, and so its
+    whole gradient counts. There the layer is returned times its share, with a share of 1; the
+    product of both does not change.
     """
     fraction = fraction_behind(front, layer, full)
     if not (torch.is_grad_enabled() and layer.requires_grad):
@@ -71,18 +73,21 @@ def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tu
 
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """Add a layer behind the layers composited so far."""
+    """A front with a layer added behind the layers composited so far."""
     return front.addcmul(*shown_behind(front, layer, full))
 
 
 def add_light(front: Tensor, light: Tensor) -> Tensor:
-    """Add light [M, C, h, w] that covers nothing to the first channels of a front."""
+    """A front with light [M, C, h, w] added to its first channels; coverage does not change."""
     channels = light.shape[1]
     return torch.cat([front[:, :channels] + light, front[:, channels:]], 1)
 
 
 def mean_of_parts(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:
-    """The image [C, h, w] of all parts together, divided by their coverage."""
+    """The image [C, h, w] through all parts of the aperture, divided by coverage.
+
+    `front`: [M, C + 1, h, w]; `weights`: each part's share of the aperture; None for equal shares.
+    """
     if weights is not None:
         learn = any(isinstance(weight, Tensor) for weight in weights)
         if learn or max(weights) - min(weights) > EQUAL:
@@ -92,7 +97,7 @@ def mean_of_parts(front: Tensor, weights: Sequence[Scalar] | None = None) -> Ten
 
 
 class ColorRange(NamedTuple):
-    """Least and greatest value of each channel, [C, 1, 1]."""
+    """The least and the greatest value of each channel, [C, 1, 1] each."""
 
     least: Tensor
     greatest: Tensor
@@ -103,20 +108,21 @@ class ColorRange(NamedTuple):
     ) -> ColorRange:
         """The range of the channels of a picture.
 
-        `like`: [C, h, w]; channels without a range are bounded by the minimum alone.
+        `channels`: least and greatest value of the first channels; `like`: [C, h, w]; `minimum`:
+        least value of all other channels, which have no greatest value.
         """
         others = len(like) - len(channels) if channels else 1
         every = [*channels, *[(minimum, torch.inf)] * others]
         return cls(*(sent(limits, like).view(-1, 1, 1) for limits in zip(*every, strict=True)))
 
     def bounded(self, picture: Tensor) -> Tensor:
-        """A picture [C, h, w], clipped to the range, which is widened for rounding."""
+        """A picture [C, h, w] clipped to the range, which is slightly widened for rounding."""
         slack = [limits.SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
         return clamped(picture, self.least - slack[0], self.greatest + slack[1])
 
 
 def clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
-    """Values clipped to limits; those that differ from a limit by rounding keep their gradient."""
+    """Values clipped to limits; values that exceed a limit only by rounding keep their gradient."""
     bounded = values.clamp(least, greatest)
     if not values.requires_grad:
         return bounded

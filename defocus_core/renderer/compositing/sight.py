@@ -1,13 +1,14 @@
-"""Sight: how far the lens sees, past opaque samples, and past the border of the frame.
+"""Sight: how far the lens sees past opaque samples, and past the border of the frame.
 
-The lens looks past a surface of radius r only where an edge of it lies within r px of the pixel. So
-the farthest surface that the lens sees at a pixel is the farthest within the disc of the pixel.
-Slices of a surface whose radius has a slope or steps leave gaps of a hundredth of its coverage:
-these are errors, whatever lies behind.
+The lens looks past a surface of radius r only where an edge of the surface lies within r px of the
+pixel. So the farthest surface that the lens sees at a pixel is the farthest within the blur disc of
+the pixel. Slices of a surface with slopes or steps leave gaps of a hundredth of its coverage: these
+are errors, whatever lies behind.
 
-Beyond the frame surfaces continue as they are on its edge, but were not seen: trust is the share of
-the aperture that sees the frame. If the blur is much wider than the frame, they continue for a part
-of its reach. Lens points that look farther see nothing, which surfaces behind must not fill.
+Beyond the frame, surfaces are continued from its edge, but were not seen: trust is the share of the
+aperture that sees the frame. If the blur is much wider than the frame, surfaces are continued for
+only a part of its reach. Lens points that look farther see nothing, which surfaces behind must not
+fill.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero
 
 
 class SightLimits(NamedTuple):
-    """The farthest that the lens sees at each pixel."""
+    """The farthest slice that the lens sees at each pixel."""
 
     farthest: Tensor  # [..., h, w], the number of the farthest slice that is seen
     layer_of: list[int]  # for each slice the number of its layer, ascending
@@ -46,7 +47,8 @@ class SightLimits(NamedTuple):
     ) -> SightLimits:
         """The limits of a picture.
 
-        `radius`: [..., h, w] px, signed; `positions`: [..., h, w], between slice radii.
+        `radius`: [..., h, w] px, signed; `positions`: [..., h, w], fractional indices among slice
+        radii.
         """
         small = torch.uint8 if len(layer_of) <= torch.iinfo(torch.uint8).max else torch.int16
         slices = positions.detach().ceil().to(small)
@@ -66,7 +68,7 @@ class SightLimits(NamedTuple):
 
 
 def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
-    """The greatest of values [..., h, w] within a distance [..., h, w] px of each pixel."""
+    """The greatest of values [..., h, w] up to `radius` [..., h, w] px away from each pixel."""
     px = radius.add(limits.SEEN_AROUND).mul_(limits.APOTHEM).round_().clamp_(min=1).to(torch.int32)
     sizes, greatest_px = [1], int(px.amax())
     while sizes[-1] < greatest_px:
@@ -84,9 +86,9 @@ def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
 
 
 def _dilated(values: Tensor, by: int, *, square: bool) -> Tensor:
-    """The greatest of values [..., h, w] and those `by` px to the sides, above and below.
+    """The greatest of each value [..., h, w] and the values `by` px beside, above and below it.
 
-    `square`: whether the corners of the square count, too.
+    `square`: whether the values `by` px away on diagonals count, too.
     """
     greatest = values.clone()
     for dim in (-2, -1):
@@ -107,17 +109,18 @@ _SAMPLES_AT_ONCE = 1 << 18
 
 
 class Openings(NamedTuple):
-    """Where a lens sees past the nearest opaque sample of each pixel."""
+    """Where the lens sees past the nearest opaque sample of each pixel."""
 
     room: Tensor  # [h, w] from 0, where no edge of opaque samples is in reach, to 1
     layer_index: Tensor  # [h, w] of the layer that the sample is in; inf where there is none
 
     @classmethod
     def from_samples(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Self:
-        """The openings of opaque samples.
+        """The openings between opaque samples.
 
-        `opaque`: radii [L, h, w] px of the samples of each pixel; inf of those that are clear;
-        `radii`: signed radius of each slice in px.
+        `opaque`: [L, h, w], radii in px of the samples of each pixel; inf for samples that are not
+        opaque; `radii`: signed radius of each slice in px; `layer_of`: for each slice the number of
+        its layer.
         """
         nearest = opaque.detach().amin(0)
         position = slice_position(nearest.clamp(max=radii[-1]), radii).ceil().long()
@@ -127,11 +130,11 @@ class Openings(NamedTuple):
         return cls(room.masked_fill(none, 1), layer_index.masked_fill(none, torch.inf))
 
     def crop(self, box: Box) -> Openings:
-        """Openings in a box."""
+        """The openings in a box."""
         return Openings(*map(box.crop, self))
 
     def to_layer(self, layer_index: int) -> Tensor:
-        """The share [h, w] of the pupil that is left for hidden surfaces of a layer."""
+        """The share [h, w] of the pupil through which hidden parts of a layer may be seen."""
         return torch.where(self.layer_index < layer_index, self.room, 1)
 
     def to_octave(self, _: int) -> float:
@@ -140,7 +143,10 @@ class Openings(NamedTuple):
 
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
-    """The greatest blur radius [h, w] px of samples that do not continue in all neighbours."""
+    """The greatest blur radius [h, w] px among the samples of each pixel that lie at an edge.
+
+    A sample lies at an edge if a neighbouring pixel has no sample of similar radius.
+    """
     count = int((opaque.detach() < torch.inf).sum(0).amax())
     if not count:
         return torch.zeros_like(opaque[0])
@@ -152,7 +158,7 @@ def _reach_of_edges(opaque: Tensor) -> Tensor:
 
 
 def _reach_in_band(around: Tensor) -> Tensor:
-    """`_reach_of_edges` of ascending radii [h + 2, w + 2, L], with a border of one pixel."""
+    """`_reach_of_edges` for ascending radii [h + 2, w + 2, L], with a border of one pixel."""
     height, width, count = around.shape
     radius = around[1:-1, 1:-1].contiguous()
     ends = torch.zeros_like(radius, dtype=torch.bool)
@@ -167,7 +173,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
 
 
 def _spread(reach: Tensor) -> Tensor:
-    """The greatest reach of any pixel less the distance to it, at each pixel: [h, w] px."""
+    """The maximum over all pixels of their reach less the distance to them: [h, w] px."""
     for step in range(math.ceil(float(reach.detach().amax())) - 1):
         beside = reach[None, None]
         if step % 2:  # squares and crosses in turn: an octagon is nearly a circle
@@ -200,11 +206,11 @@ def fraction_in_frame(
     parts: list[Part],
     views: Sequence[Rim] = (),
 ) -> Tensor:
-    """The share of parts of the aperture that sees a pixel's own surface within a rectangle.
+    """The share of each aperture part that sees a pixel's own surface within a rectangle.
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
 
-    Returns [M, 1, ..., h, w] in [0.01, 1].
+    `box`: where the pixels lie in the rectangle. Returns [M, 1, ..., h, w] in [0.01, 1].
     """
     positions = (sent(torch.arange(s.first, s.end), signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel
@@ -232,7 +238,7 @@ def fraction_in_frame(
 
 
 def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
-    """`_summed_area`, cached unless the pupil learns or depends on the place in the frame."""
+    """`_summed_area`, cached unless the pupil has gradients or varies over the frame."""
     if aperture.requires_grad:
         return _summed_area.__wrapped__(aperture, part, view)
     return (_summed_area.__wrapped__ if view else _summed_area)(aperture.fixed, part, view)
@@ -240,7 +246,10 @@ def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
 
 @lru_cache(maxsize=256)
 def _summed_area(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
-    """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
+    """The share [y, x] of a part of the pupil whose lens points have both coordinates below u.
+
+    u.y and u.x are evenly spaced from -1 to 1.
+    """
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
         limits = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
         if part.is_uneven or view:

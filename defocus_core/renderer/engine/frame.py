@@ -1,6 +1,6 @@
 """The frame of a picture: its size, tiles, content, slices, and parts of the aperture.
 
-With cat's eyes the pupil changes over the frame.
+If there are cat's eyes, the pupil changes over the frame.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NEIGHBOURHOOD = 24
 
 
 class Content(NamedTuple):
-    """Properties of the whole picture that decide what is computed."""
+    """Properties of the whole picture that decide how it is rendered."""
 
     limits: tuple[float, float]  # least and greatest signed radius in px of what is visible
     edges: bool  # whether surfaces hide others
@@ -59,7 +59,7 @@ class Slices(NamedTuple):
 
 
 class Division(NamedTuple):
-    """The parts of the aperture that are composited one by one."""
+    """The division of the aperture into parts that are composited separately."""
 
     aperture: Aperture
     # The parts of the centre view; then a left and a right half, if these are composited in
@@ -71,7 +71,10 @@ class Division(NamedTuple):
 
     @classmethod
     def from_aperture(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Self:
-        """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
+        """The division of an aperture that has `centre` parts (1, 4 or 16) for the centre view.
+
+        `dual_pixel`: the photodiodes of left and right; None if these are not rendered.
+        """
         divided = [*aperture.parts(centre)]
         of_centre = of_pair = slice(0, len(divided))
         if dual_pixel and (len(divided) == 1 or dual_pixel.halves != (LEFT, RIGHT)):
@@ -82,14 +85,17 @@ class Division(NamedTuple):
 
     @property
     def groups(self) -> list[slice]:
-        """The groups of parts transformed together, so that the centre depends on no other view."""
+        """The groups of parts that are transformed at once.
+
+        The centre is a group of its own, so that it does not depend on the other views.
+        """
         return [self.centre] if self.pair == self.centre else [self.centre, self.pair]
 
     @property
     def left_fraction(self) -> Scalar:
         """The left view's share of the light of left and right.
 
-        One half for measured photodiodes, whose kernels are each normalised.
+        It is one half for measured photodiodes, whose kernels are normalised separately.
         """
         parts = list(zip(self.parts[self.pair], self.weights[self.pair], strict=True))
         if any(part.sensitivity for part, _ in parts):
@@ -107,7 +113,7 @@ class Division(NamedTuple):
 
 @dataclass(frozen=True)
 class SharedFrame:
-    """The data that all regions of one picture share."""
+    """The data that all regions of a picture share."""
 
     size: tuple[int, int]  # (height, width) in px
     settings: Settings
@@ -125,7 +131,7 @@ class SharedFrame:
 
     @cached_property
     def division(self) -> Division:
-        """The parts of the aperture."""
+        """The division of the aperture into parts."""
         settings = self.settings
         centre = 1 if settings.cat_eye else self.quality.parts  # a rim would clip parts away
         pair = settings.dual_pixel if settings.left_right else None
@@ -152,20 +158,21 @@ class SharedFrame:
 
     @property
     def scene(self) -> Box:
-        """The frame and its surroundings from which light may reach it."""
+        """The frame together with the surroundings from which light may reach it."""
         (height, width), (rows, columns) = self.size, self.beyond
         return Box(-rows, -columns, height + 2 * rows, width + 2 * columns)
 
     def is_inside(self, box: Box, bounds: Box) -> bool:
-        """Whether no light from beyond a larger rectangle reaches a rectangle."""
+        """Whether no light from outside of `bounds` reaches `box`."""
         return box == box.grown(0, bounds.shrunk(self.farthest))
 
     @property
     def trace(self) -> float:
-        """The least coverage by a pixel's own surface, where the pupil may see nothing else.
+        """The least coverage of a pixel by its own surface, so that no pixel stays uncovered.
 
-        A measured pupil may have its light off the centre, and an obstruction may hide the frame:
-        at the border half a pupil sees half a column or row of the frame.
+        It exceeds 0 if a pixel at the border may see nothing of the frame: through a measured
+        pupil, whose light may be off the centre, or through an obstruction as wide as half the
+        frame.
         """
         aperture, radii = self.settings.aperture, self.radii
         opaque = float(aperture.fixed.obstruction) * max(abs(radii[0]), abs(radii[-1]))
@@ -175,17 +182,17 @@ class SharedFrame:
 
     @property
     def copies_in_focus(self) -> bool:
-        """Whether pixels in focus are copied: not where the number of slices was asked for."""
+        """Whether pixels in focus are copied, which an exact number of slices does not allow."""
         return self.settings.num_layers is None
 
     @property
     def views(self) -> int:
-        """The number of images: the centre, or the centre, left and right."""
+        """The number of images: 1 (centre) or 3 (centre, left and right)."""
         return 3 if self.settings.left_right else 1
 
 
 def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
-    """The frame with the pupils of the corners of a region."""
+    """The frame with the pupils as seen from the corners of a region, if there are cat's eyes."""
     if frame.settings.cat_eye is None:
         return frame
     views = corner_views(frame, box)
@@ -203,7 +210,7 @@ def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
 
 
 def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:
-    """The pupils at the corners of a region, by rows; empty if all corners see the same pupil."""
+    """The pupils as seen from the corners of a region, row by row; empty without cat's eyes."""
     cat_eye = frame.settings.cat_eye
     if cat_eye is None:
         return []
@@ -227,7 +234,7 @@ class RegionPlace(NamedTuple):
 
     @classmethod
     def from_grid(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
-        """The rectangles of a region of these tiles."""
+        """The rectangles of the region that consists of the tiles of `grid`."""
         box = grid.box
         outer = box.grown(frame.margin, frame.box)
         reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
@@ -235,7 +242,10 @@ class RegionPlace(NamedTuple):
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
     def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
-        """The shares [m, 1, ..., h, w] of parts that see the frame; None if all are 1."""
+        """The shares [m, 1, ..., h, w] of parts that see `bounds`; None if all are 1.
+
+        `signed_radius`: [..., h, w] px, of the pixels of the tiles.
+        """
         frame, core = self.frame, self.grid.box
         if frame.is_inside(core, bounds):
             return None
@@ -250,7 +260,11 @@ class RegionPlace(NamedTuple):
 
 
 def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | None:
-    """The pupils [n] seen from pixels [n, 2], rows and columns; None without a cat's eye."""
+    """The pupils as seen from n pixels of a region; None without cat's eyes.
+
+    `at`: [n, 2], rows and columns in the coordinates of `core`; `core`, `region`: the rectangle of
+    the region in these coordinates and in those of the frame.
+    """
     cat_eye = frame.settings.cat_eye
     if cat_eye is None:
         return None
@@ -263,7 +277,7 @@ def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | No
 
 
 def darkened(part: ViewTensors, cat_eye: CatEye, frame: tuple[int, int]) -> ViewTensors:
-    """A part of a picture, darkened by the vignetting of each pixel.
+    """A part of a picture, darkened by the vignetting at each pixel.
 
     `frame`: (height, width) of the picture in px.
     """

@@ -1,7 +1,7 @@
 """The order in which the surfaces over a tile are composited.
 
-An invented surface is no sharper than the surface that it continues: half the resolution is enough
-for its blur.
+An invented surface is no sharper than the surface that it continues, so half the resolution is
+enough for its blur.
 
 Visible surfaces come first, as they are known, and as their shares are right on average where
 surfaces out of focus cover each other at random. But a surface in focus occludes exactly: where it
@@ -42,16 +42,16 @@ from defocus_core.tensors.pyramid import (
 
 
 class Filling:
-    """A hidden surface over the tiles of a region.
+    """A hidden surface that fills gaps in the tiles of a region.
 
     Attributes:
         plan: For each tile the indices of slices that reach it, nearest first.
-        windows: The window of each slice.
+        windows: The transform window of each slice.
         level: How many times resolution is halved before the blur.
     """
 
     def __init__(self, place: RegionPlace, layer: SampleLayer) -> None:
-        """Prepare a surface that has pixels."""
+        """Prepare the blur of a hidden layer that has pixels."""
         frame, slicing = place.frame, place.frame.slices.invented
         self.level = slicing.level
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
@@ -85,7 +85,10 @@ class Filling:
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
 
     def octaves(self, index: int, sight: Sight | None) -> dict[int, Tensor]:
-        """The octaves [M, C + 1, h, w] of the surface over a tile, as far as the lens sees."""
+        """The octaves [M, C + 1, h, w] of the surface in tile `index`, by number.
+
+        They are multiplied by the share that the lens sees.
+        """
         octaves: dict[int, Tensor] = {}
         for number, shown in sorted(self._blur.tile_layers(index).items()):
             octave = self._octave_of_layer[number]
@@ -95,20 +98,26 @@ class Filling:
         }
 
     def _seen(self, index: int, octave: int, layer: Tensor, sight: Sight | None) -> Tensor:
-        """An octave at full resolution, as far as the lens sees."""
+        """An octave at full resolution, multiplied by the share that the lens sees."""
         if self.level:
             tile, coarse = self._tiles[index], self._coarse_of[index]
             layer = resampled(layer, *(self._axis_weights(d, tile, coarse, layer) for d in (0, 1)))
         return layer if sight is None else layer * sight.to_octave(octave)
 
     def _axis_weights(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
-        """The shares of coarse pixels in the pixels of a tile, along one axis."""
+        """The weights to interpolate the pixels of a tile from coarse pixels.
+
+        `dim`: 0 for rows, 1 for columns; `like`: [..., h, w] coarse pixels.
+        """
         first = position_of(tile[dim], self._fine[dim], self._coarse[dim], self.level) - coarse[dim]
         return linear_weights(first, tile[dim + 2], 0.5**self.level, like.shape[dim - 2], like)
 
 
 def _whole(octaves: dict[int, Tensor]) -> Tensor:
-    """All octaves of a hidden surface: those of one side of focus add up, the sides occlude."""
+    """All octaves of a hidden surface as one layer.
+
+    Octaves on one side of focus are added; nearer sides occlude farther ones.
+    """
     sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
     seen = [reduce(torch.add, [octaves[o] for o in side]) for side in sides if side]
     return reduce(add_behind, seen, torch.zeros_like(seen[0]))
@@ -120,7 +129,7 @@ def composite(
     hidden: dict[int, Tensor],  # the octaves of what is continued
     order: CompositeOrder,
 ) -> None:
-    """Add the surfaces over a tile to its views.
+    """Composite all surfaces over a tile, in order.
 
     Known hidden surfaces are composited with the visible ones, in the order of layers.
     """

@@ -1,4 +1,4 @@
-"""Limits of the light and the radii of a picture, and of ordinary light."""
+"""Limits of light and radii, tolerances, and thresholds that both backs share."""
 
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
 BRIGHTEST = 1e30

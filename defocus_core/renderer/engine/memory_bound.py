@@ -24,7 +24,7 @@ _COPIES_OF_LAYER = 8
 
 
 def memory_bound(renderer: Renderer, threads: int) -> float:
-    """Upper bound of the bytes that rendering takes, without its input and output."""
+    """Upper bound of the memory in bytes that rendering takes, without its input and output."""
     if renderer.back == "torch":
         return _bound_of_torch(renderer, threads)
     content, settings = renderer.frame.content, replace(renderer.frame.settings, threads=threads)
@@ -34,7 +34,7 @@ def memory_bound(renderer: Renderer, threads: int) -> float:
 
 
 def _bound_of_torch(renderer: Renderer, threads: int) -> float:
-    """The bound of a rendering by regions."""
+    """`memory_bound` for the torch back, which renders region by region."""
     frame, channels = renderer.frame, renderer.in_focus.surface.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size
@@ -63,7 +63,7 @@ def _bound_of_torch(renderer: Renderer, threads: int) -> float:
 
 
 def _bytes_of_layers(renderer: Renderer) -> float:
-    """Bytes of layers, stacked and flattened for the renderer."""
+    """Bytes of the layers of a scene, stacked and flattened; 0 if it has none."""
     layered = renderer.in_focus.layers
     if layered is None:
         return 0.0

@@ -1,4 +1,4 @@
-"""Preparation of a picture: its slices, their windows, its tiles and regions."""
+"""Preparation of a picture: its slices, transform windows, tiles and regions."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def frame_of(
     layered: Layered | None = None,
     border: tuple[float, float] | None = None,
 ) -> SharedFrame:
-    """The frame of a picture: its statistics and slices.
+    """The data that all regions of a picture share, such as its slices and tiles.
 
     `border`: least and greatest signed radius on the edge of the frame; None for those of
     `signed_radius`.
@@ -84,7 +84,7 @@ def frame_of(
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
 
     def tiled(division: Division) -> tuple[Grid, Slices]:
-        """The tiles, and how slices are blurred in them."""
+        """The tiles, and the slices with their blur, for a division of the aperture."""
         each = sample * len(division.parts)
         grid = _grid_of(settings, size, pixels.device, layer_indices, each)
         like = pixels.new_empty(0, dtype=dtype.to_complex())
@@ -113,7 +113,7 @@ def frame_of(
 
 
 def copies_of_tile(layer_of: list[int]) -> int:
-    """Number of pictures of a tile held at once, given the layer number of each slice.
+    """The number of pictures of a tile held at once, given the layer number of each slice.
 
     These are blurred layers, the slices of one layer with their transforms, and the inputs.
     """
@@ -128,7 +128,11 @@ def _grid_of(
     layer_of: list[int],
     bytes_each: int,
 ) -> Grid:
-    """The tiles of a frame of (height, width) px."""
+    """The tiles of a frame of `size` (height, width) px.
+
+    `layer_of`: for each slice the number of its layer; `bytes_each`: bytes of a pixel in all parts
+    of the aperture.
+    """
     if not launches_cost(device):
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     maximum = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
@@ -138,7 +142,7 @@ def _grid_of(
 
 
 class _Resolution(NamedTuple):
-    """The slices at the resolution at which their blur begins."""
+    """How far the light of slices reaches, at the resolution at which their blur begins."""
 
     level: int  # how many times the resolution of the frame is halved
     spreads: list[Spread]  # the spread of each slice, in coarse pixels of this resolution
@@ -146,13 +150,13 @@ class _Resolution(NamedTuple):
 
 
 def computed_in(pixels: Tensor, signed_radius: Tensor) -> torch.dtype:
-    """The dtype to compute in where float32 is precise enough."""
+    """The dtype to compute in where float32 is precise enough: of the inputs, at least float32."""
     given = torch.promote_types(pixels.dtype, signed_radius.dtype)
     return torch.promote_types(given, torch.float32)
 
 
 def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = None) -> Content:
-    """The properties of a picture."""
+    """The properties of a picture, from its survey."""
     limit = highlight_limit(survey)
     return Content(
         limits=(survey.minimum, survey.maximum),
@@ -169,7 +173,11 @@ def content_of(survey: Survey, quality: Quality, *, layered: Layered | None = No
 
 
 def _hidden_layers(of_hidden: list[int], spreads: list[Spread]) -> list[int]:
-    """The layer of each hidden slice; slices of an octave that are blurred alike share a layer."""
+    """For each hidden slice the number of its layer.
+
+    Slices of an octave that are blurred in the same way share a layer. `of_hidden`: for each slice
+    its octave.
+    """
     pairs = zip(of_hidden, spreads, strict=True)
     kinds = [(octave, spread.level, spread.coarse == 0) for octave, spread in pairs]
     return list(accumulate((kind != before for before, kind in pairwise(kinds)), initial=0))
@@ -181,7 +189,10 @@ def _inwards(
     quality: Quality,
     hidden: tuple[int, int] | None,  # halvings and stride of what is invented; None if nothing is
 ) -> int:
-    """The reach in px of light from beyond the frame into it."""
+    """The greatest distance in px that light from beyond the frame reaches into it.
+
+    `border`: least and greatest signed radius on the edge of the frame.
+    """
     unbounded = _at_resolution(radii, quality, _ANY_PX, 0)
     inwards = _reach_of(border, radii, unbounded.reaches)
     if hidden is not None:
@@ -201,7 +212,7 @@ def _slicing(
     layer_of: list[int],
     stride: int,
 ) -> Slicing:
-    """The slices of a surface at a resolution."""
+    """How the slices of a surface are blurred at a resolution."""
     level, spreads, reaches = resolution
     scaled = tuple(r / (1 << level) for r in radii)
     side, region = (_halved(size, level) for size in (grid.tiles[0][2:], region))
@@ -215,7 +226,7 @@ def _slicing(
 def _at_resolution(
     radii: tuple[float, ...], quality: Quality, maximum: int, level: int
 ) -> _Resolution:
-    """The slices at a resolution, with reaches limited to `maximum` px of the frame."""
+    """The slices at a resolution halved `level` times; reaches are at most `maximum` px."""
     step = 1 << level
     scaled = tuple(r / step for r in radii)
     layer_indices = layer_numbers(radii, quality)
@@ -229,7 +240,10 @@ def _at_resolution(
 def _reach_of(
     limits: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
 ) -> int:
-    """The greatest reach in px of surfaces in a range of radii, from the reach of each slice."""
+    """The greatest reach in px of light from surfaces with radii within `limits`.
+
+    `reaches`: for each slice the reach of its light in px.
+    """
     first, last = sorted(
         (max(bisect_right(radii, limits[0]) - 1, 0), bisect_left(radii, limits[1]))
     )
@@ -237,9 +251,9 @@ def _reach_of(
 
 
 def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
-    """The margin in px around a region on which its pixels depend; even, as regions are halved.
+    """The width in px of the border around a region on which its pixels depend.
 
-    `farthest`: greatest reach of light in px.
+    It is even, as regions are halved. `farthest`: greatest reach of light in px.
     """
     farthest += farthest % 2
     margin = NEIGHBOURHOOD + farthest + (PX_AROUND if edges else 0)
@@ -249,7 +263,7 @@ def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
 
 
 def _halved(size: tuple[int, int], level: int) -> tuple[int, int]:
-    """(height, width) in coarse pixels of a tile or a region, halved `level` times."""
+    """The (height, width) of a tile or region in coarse pixels, after `level` halvings."""
     # pixels lie between coarse pixels, and may begin in the middle of one
     more = 3 if level else 0
     return (size[0] >> level) + more, (size[1] >> level) + more
@@ -258,7 +272,10 @@ def _halved(size: tuple[int, int], level: int) -> tuple[int, int]:
 def _slice_radii(
     minimum: float, maximum: float, quality: Quality, settings: Settings
 ) -> tuple[float, ...]:
-    """Slice radii in px over a range: `settings.num_layers` of them, or those of the quality."""
+    """Slice radii in px over a range: `settings.num_layers` of them, or those of the quality.
+
+    Raises ValueError if a kernel is larger than `settings.psf_ks`.
+    """
     count, psf_ks = settings.num_layers, settings.psf_ks
     radii = (
         slice_radii(minimum, maximum, quality)

@@ -1,4 +1,4 @@
-"""The layers of a region: the visible and the hidden parts of a picture, or of a layered scene.
+"""The layers of a region: visible and hidden surfaces of a picture, or of a layered scene.
 
 A layer has colour, coverage and radii. Visible layers come first, the nearest at the front.
 """
@@ -53,14 +53,15 @@ class RegionLayers(NamedTuple):
     sight: Sight | None
 
     def layers_of(self, kind: str) -> list[SampleLayer]:
-        """The layers of a kind."""
+        """The layers of the given kind."""
         return [layer for layer in self.layers if layer.kind == kind]
 
 
 def layers_at(place: RegionPlace, scene: InFocus, backdrop: Backdrop | None) -> RegionLayers:
     """The layers of a region of a scene.
 
-    `backdrop`: the frame at low resolution; None if nothing is continued.
+    `backdrop`: the frame at low resolution, from which hidden surfaces are continued; None if none
+    is.
     """
     frame = place.frame
     surface = scene.surface
@@ -86,7 +87,7 @@ def _of_picture(
     radius: Tensor,  # [..., H, W] px
     backdrop: Backdrop | None,
 ) -> RegionLayers:
-    """The visible and the hidden layers of a picture."""
+    """The layers of a picture in a region, visible and hidden, and its highlights."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
     layers: Sequence[SampleLayer] = (SampleLayer.whole(image, radius),)
     lights, behind, sight = list[Highlights](), list[SampleLayer](), None
@@ -104,7 +105,7 @@ def _of_picture(
 
 
 def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) -> RegionLayers:
-    """The visible and the hidden layers of a layered scene."""
+    """The layers of a layered scene in a region, visible and hidden, and its highlights."""
     frame, slices = place.frame, place.frame.slices
     stack = layered.stack(place.outer, frame.dtype)
     radius, others, sight = stack.signed_radius[0], list[SampleLayer](), None
@@ -126,7 +127,7 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
 
 
 def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> SurfaceSamples:
-    """The samples whose light reaches the tiles."""
+    """The samples of layers whose light reaches the tiles of a region."""
     radii = place.frame.radii
     layers = [layer.crop(place.inside) for layer in layers]
     if len(layers) > len(radii) + 1:
@@ -135,7 +136,7 @@ def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> Surface
 
 
 def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
-    """The visible samples whose light reaches the tiles, with their slopes and shifts."""
+    """The visible samples whose light reaches the tiles of a region, with slopes and shifts."""
     frame, inside, first = place.frame, place.inside, seen.layers[0]
     around = inside.grown(AROUND, Box(0, 0, *first.signed_radius.shape[-2:]))
     inner, radius = inside.seen_from(around), around.crop(first.signed_radius)
@@ -154,7 +155,10 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
 def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | float:
-    """Means of `RegionPlace.fractions` over the visible samples of each pixel; 1 if all are 1."""
+    """The share [m, 1, h, w] of each part that sees `bounds`, or 1.0 if all shares are 1.
+
+    It is the mean of `RegionPlace.fractions` over the visible samples of each pixel.
+    """
     first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))
     radius = first.signed_radius
     total = place.fractions(bounds, radius, parts)
@@ -175,7 +179,7 @@ def fractions_seen(
 
 
 def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Tensor:
-    """The discs of highlights behind surfaces, for each part of the aperture.
+    """The discs [M, C, h, w] of highlights through each part, clipped by nearer surfaces.
 
     The coverage of a light in its layer already excludes the parts hidden by other layers.
     """
@@ -208,7 +212,10 @@ def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
 def layers_within(
     pixels: Tensor, signed_radius: Tensor, backdrop: Backdrop, outer: Box
 ) -> tuple[SampleLayer, ...]:
-    """The layers of a part of a picture: [C, h, w] and [h, w] px in the rectangle `outer`."""
+    """The layers of a part of a picture, in the rectangle `outer` of the frame.
+
+    `pixels`: [C, h, w]; `signed_radius`: [h, w] px.
+    """
     mixed = backdrop.mixed
     if outer[2:] != backdrop.size:
         mixed = mixed_within(mixed, outer)
@@ -223,7 +230,7 @@ def continued(
     frame: SharedFrame,
     known: tuple[Tensor, Tensor] | None = None,  # as in `without_known`, within `inside`
 ) -> tuple[SampleLayer, ...]:
-    """The layer that is continued behind the edges of a visible one, if there is any."""
+    """The layer continued behind the edges of a visible layer; empty if there is none."""
     level = frame.slices.invented.level
     hidden = hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
     if hidden is not None and known is not None:

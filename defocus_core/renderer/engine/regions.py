@@ -1,9 +1,9 @@
-"""The regions of a picture: slice, blur, composite, tile by tile, in order.
+"""The regions of a picture, which are sliced, blurred and composited tile by tile.
 
 Slices of a layer are summed in the Fourier domain; layers are composited front to back, for each
-part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude. The
-layers of a region are found first, from a picture or from layers with coverage; `Region` takes
-these layers and computes tiles.
+part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude. First
+the layers of a region are found, from a picture or from layers with coverage; from these `Region`
+computes tiles.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from defocus_core.tensors.views import ViewTensors, assemble
 
 
 def region_of(frame: SharedFrame, grid: Grid, scene: InFocus, backdrop: Backdrop | None) -> Region:
-    """A rectangle of tiles of a scene; `backdrop`: as in `layers_at`."""
+    """The region that consists of the tiles of `grid`; `backdrop`: as in `layers_at`."""
     place = RegionPlace.from_grid(frame_at(frame, grid.box), grid)
     return Region(place, layers_at(place, scene, backdrop))
 
 
 class Region:
-    """A rectangle of tiles, and everything that they share."""
+    """A rectangle of tiles, with the data that they share."""
 
     def __init__(self, place: RegionPlace, seen: RegionLayers) -> None:
         """Prepare the blur of the layers of the region."""
@@ -89,7 +89,7 @@ class Region:
         self._discs = [discs(place, seen, lights) for lights in seen.lights]
 
     def tile(self, index: int) -> ViewTensors:
-        """The views of one tile of the region."""
+        """The views of tile number `index` of the region."""
         frame, box = self._frame, self._tiles[index]
         compositor = self._composited(index)
         lit, division = self._lit(compositor.front, index), frame.division
@@ -119,10 +119,10 @@ class Region:
         return ViewTensors([centre, *images], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
-        """The share of the aperture that saw the scene, [1, h, w].
+        """The share [1, h, w] of the aperture that saw the scene.
 
-        The share of the coverage [M, h, w] of all parts that is not invented, times the share of
-        the parts that looks into the frame, as surfaces beyond the frame were not seen.
+        It is the share of the coverage [M, h, w] of all parts that is not invented, times the share
+        of the parts that looks into the frame, as surfaces beyond the frame were not seen.
         """
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
@@ -133,7 +133,7 @@ class Region:
         return fraction.clamp(0, 1)[None]
 
     def _composited(self, index: int) -> TileCompositor:
-        """The views of a tile through each part of the aperture."""
+        """The surfaces of tile `index`, composited for each part of the aperture."""
         frame, content, tile = self._frame, self._frame.content, self._tiles[index]
         sight = self._sight and self._sight.crop(tile.seen_from(self._tiles[0]))
         division, shape = frame.division, self._like.shape
@@ -153,10 +153,10 @@ class Region:
         return compositor
 
     def _lit(self, views: Tensor, index: int) -> Tensor:
-        """The views of all parts, with highlights.
+        """The views of tile `index` through all parts, with highlights added.
 
-        Views are divided by their coverage, to which highlights do not contribute. Highlights are
-        weighted by it, so that errors of the coverage do not brighten them.
+        Views are later divided by their coverage, to which highlights do not contribute. So
+        highlights are multiplied by the coverage, and errors of the coverage do not brighten them.
         """
         box = self._tiles[index].seen_from(self._tiles[0])
         for trace in self._traces:
@@ -168,7 +168,7 @@ class Region:
         return views
 
     def _full(self, index: int) -> Tensor | float:
-        """The limit of coverage in a tile."""
+        """The greatest coverage in tile `index`: the share of each part that sees the scene."""
         tile, frame = self._tiles[index], self._frame
         if not isinstance(self._in_scene, Tensor) or not frame.content.edges:
             return 1.0
@@ -177,7 +177,7 @@ class Region:
         return tile.seen_from(self._tiles[0]).crop(self._in_scene)
 
     def _counts(self, index: int) -> dict[str, int]:
-        """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
+        """Counts of the work done for tile `index`, and of the work if nothing were skipped."""
         windows, area = self._frame.slices.visible.windows, self._tiles[index].area
         visible = self._blurs[VISIBLE].surface.plan[index]
         done = [(windows[slice_index], windows[slice_index].level) for slice_index in visible]
@@ -199,9 +199,10 @@ class Region:
 def rendered_regions(
     frame: SharedFrame, scene: InFocus, progress: Callable[[int, int], None] | None
 ) -> Iterator[ViewTensors]:
-    """The views of each region of a picture, row by row, each from left to right.
+    """Yield the views of each region of a picture, row by row, from left to right.
 
-    Regions are computed one after another, the tiles of each in threads.
+    Regions are computed one after another, the tiles of each in threads. `progress`: called with
+    the number of tiles done and the number of all tiles.
     """
     backdrop = backdrop_in(frame, scene)
     numbers, count = itertools.count(1), len(frame.grid.tiles)

@@ -1,4 +1,4 @@
-"""The renderer of a scene, which repairs the depth first."""
+"""The renderer of a scene, which first repairs its depth."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class Renderer:
 
     Attributes:
         size: (height, width) in px.
-        repair: Repair of its depth.
-        frame: The frame.
-        scene: The repaired scene.
-        in_focus: The repaired scene as regions read it.
+        repair: The repair of the depth.
+        frame: The data that all regions share.
+        scene: The scene with repaired depth.
+        in_focus: The same scene as regions read it.
     """
 
     def __init__(self, scene: Scene, settings: Settings = STANDARD) -> None:
-        """Repair the depth, and prepare the frame."""
+        """Repair the depth of a scene, and prepare its frame."""
         self._given, self._counts = scene, list[dict[str, int]]()
         if launches_cost(scene.tensors[0].device):  # its memory is planned for one tile at once
             settings = replace(settings, threads=1)
@@ -52,7 +52,7 @@ class Renderer:
             self._prepare(scene, settings)
 
     def _modes(self) -> AbstractContextManager[object]:
-        """The modes of torch to compute in; gradients are recorded if an input requires them."""
+        """The torch modes to compute in; gradients are recorded if an input requires them."""
         modes = ExitStack()
         modes.enter_context(own_modes(self._given.tensors[0].device))
         modes.enter_context(recorded_for(*self._given.tensors, self._settings))
@@ -88,9 +88,11 @@ class Renderer:
         return "compiled" if carries(self.frame, self.in_focus) else "torch"
 
     def tiles(self, progress: Callable[[int, int], None] | None = None) -> Iterator[ViewTensors]:
-        """Compute the tiles and yield them by region, in rows from the top, from left to right.
+        """Yield the views of each region, in rows from the top, each row from left to right.
 
-        Their images are [C, h, w], of the dtype of the scene, at least float32.
+        A region is computed when it is asked for. Images are [C, h, w], of the dtype of the scene,
+        at least float32. `progress`: called with the number of tiles done and the number of all
+        tiles.
         """
         self._counts.clear()
         dtype = torch.promote_types(self._given.tensors[0].dtype, torch.float32)
@@ -127,7 +129,7 @@ class Renderer:
         return (darkened(part, cat_eye, self.size) for part in parts)
 
     def picture(self, progress: Callable[[int, int], None] | None = None) -> ViewTensors:
-        """The views of the whole picture, in the precision of the scene."""
+        """The views of the whole picture, in the dtype of the scene."""
         with self._modes():
             pixels, layers = self.in_focus.surface.image, self.in_focus.layers
             if layers is not None and not layers.with_alpha:
@@ -136,7 +138,7 @@ class Renderer:
             return _assembled(self.frame, pixels, self.tiles(progress))
 
     def with_tile(self, tile: int | None) -> Renderer:
-        """The renderer of the same scene with tiles of another side in px; unchanged for None."""
+        """A renderer of the same scene with tiles of `tile` px; this renderer if that is None."""
         if tile is None:
             return self
         return Renderer(self.scene, replace(self._settings, tile=tile, depth_repair="off"))
@@ -148,7 +150,7 @@ class Renderer:
 
 
 def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors]) -> ViewTensors:
-    """The views of the whole picture.
+    """The views of the whole picture, joined from `parts`.
 
     Each image [C, H, W] has memory of its own, so that keeping one does not keep the others.
     `pixels`: [C, H, W], whose dtype the views get.
@@ -172,14 +174,14 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors])
 
 
 def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
-    """The sum of the counts of all regions; compiled loops count no slices."""
+    """The sums of the counts of all regions; the compiled back counts no slices."""
     if counts and not any("slice_tiles" in each for each in counts):
         return added(counts)
     return {"slices": len(frame.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
 
 def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
-    """The regions of a picture, row by row."""
+    """Yield the rows of regions of a picture."""
     row: list[ViewTensors] = []
     for part in parts:
         if row and part.box.left == 0:
@@ -190,7 +192,7 @@ def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
 
 
 def repaired(surface: Surface, settings: Settings) -> tuple[Surface, DepthRepair]:
-    """A surface with its repaired radii, and the repair."""
+    """A surface with repaired radii, and the repair that was made."""
     if needs_no_repair(surface, settings):
         return surface, DepthRepair()
     radius, repair = repair_depth(

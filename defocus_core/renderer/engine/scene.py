@@ -1,4 +1,4 @@
-"""A scene: one surface at each pixel, or layers with coverage."""
+"""A scene: a picture with one surface per pixel, or layers with coverage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DECODE = "decode integers to linear light first"
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A picture: one surface at each pixel."""
+    """A picture with one surface at each pixel."""
 
     image: Tensor  # [C, H, W], linear light, premultiplied if it has alpha
     signed_radius: Tensor  # [H, W] px, negative nearer than focus
@@ -60,9 +60,9 @@ Scene = Surface | Layered
 
 
 def scene_of_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
-    """The scene of layers with coverage; a surface if a single layer covers all pixels.
+    """The scene of layers with coverage; a `Surface` if a single layer covers all pixels.
 
-    `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W] px;
+    `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W] px,
     unused where coverage is 0; `coverage`: [L, H, W] in [0, 1], the share of each pixel that the
     layer covers.
     """
@@ -87,9 +87,10 @@ def scene_of_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> 
 
 
 def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
-    """The scene of a surface, with its final radii, and of the known layer behind the surface.
+    """The scene of a surface and the known layer behind it.
 
-    Returns the surface itself if the layer lies nowhere behind it.
+    Its radii are final: they are not repaired any more. Returns the surface itself if the layer
+    lies nowhere behind it.
     """
     if hidden is None:
         return surface
@@ -104,7 +105,11 @@ def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
 
 
 def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
-    """The layers of an element and its plate; the element continues behind its nearer parts."""
+    """The layers of an element and its plate, of which the element is the first.
+
+    The element is continued behind its own nearer parts. `colors`: [L, C, H, W], premultiplied;
+    `signed_radius`, `coverage`: [L, H, W].
+    """
     light, radius, cover = colors[0], signed_radius[0], coverage[0]
     there = cover > 0
     if not bool(there.any()):
@@ -120,10 +125,11 @@ def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> L
 
 
 def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
-    """Colours, radii and coverage of three layers: surface, surface behind, nearer shares.
+    """Colours, radii and coverage of three layers: the surface, the known one, and nearer parts.
 
-    A mixed pixel with the depth of the farther surface has a share of the nearer one in front. A
-    mixed pixel with the depth of the nearer one is all of that where the surface behind is known.
+    The third layer is the nearer part of each mixed pixel that has the depth of the farther
+    surface. A mixed pixel that has the depth of the nearer surface belongs to it entirely where the
+    surface behind is known.
     """
     (image, visible), (color, radius, known) = (surface.image, surface.signed_radius), hidden
     behind, whole = known & (radius > visible), torch.ones_like(visible).detach()
@@ -155,7 +161,7 @@ def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tenso
 
 
 def _share(mixed: Tensor, whole: Tensor) -> Tensor:
-    """The factor [H, W] of `whole` [C, H, W] fitting `mixed` by least squares, in [0, 1]."""
+    """The factor [H, W] in [0, 1] by which `whole` [C, H, W] fits `mixed` by least squares."""
     square = whole.square().sum(0)
     return ((mixed * whole).sum(0) / torch.where(square > 0, square, 1.0)).clamp(0, 1)
 
@@ -168,7 +174,7 @@ def _stacked(layers: Sequence[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, T
 
 
 def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
-    """A scene with some channels of its colours, and with px added to its radii."""
+    """A scene with only some channels of its colours, and with `px` added to its radii."""
     if isinstance(scene, Surface):
         image = _chosen(scene.image, channels)
         return replace(scene, image=image, signed_radius=_plus(scene.signed_radius, px))
@@ -178,7 +184,7 @@ def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
 
 
 class InFocus(NamedTuple):
-    """A scene for regions to read: the picture in focus, and its layers."""
+    """A scene as regions read it: the picture in focus, and the layers if there are any."""
 
     surface: Surface  # of layers, the picture with alpha and the nearest radii
     layers: Layered | None  # None for a single surface
@@ -186,7 +192,7 @@ class InFocus(NamedTuple):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> InFocus:
-        """Read a scene in focus."""
+        """The picture in focus and the layers of a scene."""
         if isinstance(scene, Surface):
             return cls(scene, None, scene.signed_radius)
         surface = Surface(scene.picture(), scene.nearest())
@@ -200,12 +206,12 @@ def _chosen(picture: Tensor, channels: Sequence[int]) -> Tensor:
 
 
 def _plus(radii: Tensor, px: Scalar) -> Tensor:
-    """Radii with px added; unchanged if there are none."""
+    """Radii with `px` added; the same tensor if that is 0."""
     return radii if not isinstance(px, Tensor) and px == 0 else radii + px
 
 
 def _check_known(color: Tensor, radius: Tensor, mask: Tensor) -> None:
-    """Refuse a known layer whose light or radii are not finite or out of range."""
+    """Raise ValueError unless a known layer's light and radii are finite and in range."""
     where = mask.bool()
     for name, values in (("color", color[:, where]), ("signed_radius", radius[where])):
         if not bool((values.abs() <= BRIGHTEST).all()):
@@ -216,7 +222,7 @@ def _check_known(color: Tensor, radius: Tensor, mask: Tensor) -> None:
 
 
 def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:
-    """Check that a hidden layer fits pictures of a shape and radii of a size."""
+    """Raise ValueError unless a hidden layer fits pictures of `shape` and radii of `size`."""
     if not (
         isinstance(hidden, tuple)
         and len(hidden) == len(HiddenLayer._fields)

@@ -1,4 +1,4 @@
-"""Settings of a rendering, checked once for all its pictures, and those of each quality."""
+"""Settings of a rendering, which are checked when they are made, and those of each quality."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Quality:
     known_parts: int  # the same where layers say what is hidden, as more parts are more accurate
 
     def of_layers(self, deepest: int) -> Quality:
-        """The same settings for layers."""
+        """These settings for a layered scene with at most `deepest` samples in a pixel."""
         return self if deepest == 1 else replace(self, parts=self.known_parts)
 
 
@@ -113,7 +113,7 @@ class Settings:
     back: str = "auto"
 
     def __post_init__(self) -> None:
-        """Check each option; whole numbers of other types become int."""
+        """Check each option; convert whole numbers of other types to int."""
         if not isinstance(self.aperture, Aperture):
             problem = f"aperture must be an Aperture, got {described(self.aperture)}"
             remedy = "Aperture() is round"

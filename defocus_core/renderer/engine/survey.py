@@ -1,4 +1,4 @@
-"""The survey of a picture: statistics of all its pixels, taken before rendering."""
+"""The survey of a picture: statistics of all its pixels, computed before rendering."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BITS = 16  # first bits of a number, by which numbers are counted
 class Ranks:
     """Numbers looked up by ascending rank, from 1; negative numbers count as 0.
 
-    The bits of numbers that are not negative order like the numbers.
+    Floating-point numbers that are not negative have the same order as their bits.
     """
 
     values: Tensor  # [...], at least 0
@@ -37,18 +37,18 @@ class Ranks:
 
     @classmethod
     def counted(cls, values: Tensor) -> Ranks:
-        """Ranks of numbers [...] of float32 or float64, counted on their device."""
+        """Ranks of values [...] of float32 or float64, counted on their device."""
         positive = values.clamp(min=0).abs_()  # not even -0
         bits = positive.view(torch.int64 if positive.dtype.itemsize == 8 else torch.int32)
         first = bits.flatten() >> (positive.dtype.itemsize * 8 - _BITS)
         return cls(positive, tally(first, 1 << (_BITS - 1)))
 
     def bounds(self, rank: int) -> tuple[float, float]:
-        """Two numbers between which the number of a rank lies."""
+        """Two numbers between which the number of the given rank lies."""
         return self._limits(int(torch.searchsorted(self.counts.cumsum(0), rank)))
 
     def exactly(self, rank: int) -> float:
-        """The number of a rank."""
+        """The number of the given rank."""
         first = int(torch.searchsorted(self.counts.cumsum(0), rank))
         low, high = self._limits(first)
         alike = self.values[(self.values >= low) & (self.values <= high)].sort().values
@@ -75,12 +75,12 @@ class Survey(NamedTuple):
 
     @property
     def darkest(self) -> float:
-        """Least value of all channels."""
+        """The least value of all channels."""
         return min(least for least, _ in self.channels)
 
     @property
     def brightest(self) -> float:
-        """Greatest value of all channels."""
+        """The greatest value of all channels."""
         return max(greatest for _, greatest in self.channels)
 
 
@@ -116,7 +116,7 @@ def surveyed(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> Surve
 
 
 def _check(survey: Survey, dtype: torch.dtype) -> None:
-    """Check that the values can be rendered."""
+    """Raise ValueError if radii or light are not finite, or too large to be rendered."""
     darkest, brightest, radii = survey.darkest, survey.brightest, (survey.minimum, survey.maximum)
     every = [end for ends in survey.channels for end in ends]
     for name, numbers in (("signed_radius", radii), ("image", every)):
@@ -135,7 +135,7 @@ def _check(survey: Survey, dtype: torch.dtype) -> None:
 
 
 def border_range(signed_radius: Tensor) -> tuple[float, float]:
-    """The least and the greatest signed radius [H, W] on the edge of the frame."""
+    """The least and the greatest of signed radii [H, W] on the edge of the frame."""
     r = signed_radius.detach()
     lines = torch.cat([line.flatten() for line in (r[:1], r[-1:], r[:, :1], r[:, -1:])])
     minimum, maximum = range_of(lines).tolist()
@@ -159,11 +159,11 @@ def highlight_limit(survey: Survey) -> float:
 
 
 def needs_double(survey: Survey, limit: float) -> bool:
-    """Whether float32 is not precise enough.
+    """Whether float32 is not precise enough for a picture.
 
-    Its transforms round to 1e-7 of the brightest value, which shows in the dark; squares of very
-    bright colours overflow, those of very dark ones underflow. Pixels brighter than the limit do
-    not count: they are highlights, which are not transformed.
+    Transforms in float32 round to 1e-7 of the brightest value, which shows in dark areas; squares
+    of very bright colours overflow, and squares of very dark ones underflow. Pixels brighter than
+    `limit` do not count: they are highlights, which are not transformed.
     """
     brightness, bright = survey.brightness, min(survey.brightest, limit)
     size = max(bright, -survey.darkest)

@@ -1,8 +1,8 @@
-"""Coherence transport: lines continued behind the surface that hides them.
+"""Coherence transport: lines of a picture continued behind the surface that hides them.
 
 A smooth continuation fades the joints of a wall and the edges of a pattern. Where the picture
-beside a hidden pixel has one direction, the pixel takes the colours that lie next to it along that
-direction, from both sides if there are two (Bornemann and März 2007). The direction is that of the
+beside a hidden pixel has one direction, the pixel gets the colours that lie next to it along that
+direction, from both sides if there are two (Bornemann and März 2007). The direction is given by the
 structure tensor (Förstner and Gülch 1987), which is continued like a colour.
 """
 
@@ -24,12 +24,12 @@ from defocus_core.tensors.device_plan import sent
 
 
 def structure(half: PyramidLevel) -> PyramidLevel:
-    """A picture with its structure tensor as three further channels: xx, xy and yy.
+    """A level with the structure tensor as three further channels: xx, xy and yy.
 
-    The tensor is made of slopes between neighbours on one surface, summed over channels (Di Zenzo
-    1986); depth edges have no slope.
+    The tensor is made of slopes between neighbours on the same surface, summed over channels (Di
+    Zenzo 1986); there are no slopes at depth edges.
 
-    `half`: linear colour and radius in px, at half of the resolution.
+    `half`: linear colour and radius in px, at half the resolution.
     """
     assert half.near is not None
     radius = torch.where(half.edges, torch.nan, half.far[-1].detach())
@@ -42,7 +42,10 @@ def structure(half: PyramidLevel) -> PyramidLevel:
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
-    """The mean slope [C, H, W] towards the neighbours on the same surface."""
+    """The mean slope [C, H, W] along `dim` towards the neighbours on the same surface.
+
+    `r`: radii [H, W], NaN at depth edges.
+    """
     n = values.shape[dim] - 1
     if n < 1:
         return torch.zeros_like(values)
@@ -52,7 +55,7 @@ def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
 
 
 def _sum_beside(steps: Tensor, dim: int) -> Tensor:
-    """The sum of the two steps between each pixel and its neighbours; one step at a border."""
+    """The sum of the two steps beside each pixel along `dim`; at a border, the only step."""
     n = steps.shape[dim] - 1
     first, last = steps.narrow(dim, 0, 1), steps.narrow(dim, n, 1)
     inner = steps.narrow(dim, 0, n) + steps.narrow(dim, 1, n)
@@ -67,7 +70,10 @@ def transported(
     tensor: Tensor,  # [n, 3] structure tensor, continued without a direction
     level: int = 0,
 ) -> Tensor:
-    """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture."""
+    """Colours [n, C] of hidden pixels, with visible lines continued behind nearer surfaces.
+
+    `level`: number of times that the resolution of `picture` is halved.
+    """
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[-2:]
     along, coherence = _direction(tensor, color)
     ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
@@ -88,7 +94,7 @@ def transported(
 
 
 def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """The direction [n, 2] (y, x) in which colours change least at n pixels; its clearness [n]."""
+    """The direction [n, 2] (y, x) in which colours change least, and its coherence [n]."""
     xx, xy, yy = tensor.unbind(1)
     flat = NO_SLOPE**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
     trace = xx + yy + flat
@@ -109,9 +115,9 @@ def _first_beyond(
     along: Tensor,  # [n, 2] of length 1
     scale: float,  # pixels of the picture in one px
 ) -> tuple[Tensor, Tensor]:
-    """The first pixel along a direction that lies beyond the border, and its distance.
+    """The first pixel in a direction whose radius exceeds the border, and its distance.
 
-    Returns the index in r, [n], and the distance in px, [n], infinite where there is no such pixel.
+    Returns flat indices [n] in r, and distances [n] in px, infinite where there is no such pixel.
     """
     H, W = size
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels

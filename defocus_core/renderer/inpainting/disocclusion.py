@@ -1,10 +1,10 @@
-"""Disocclusion: the region behind edges of depth that the aperture sees.
+"""Disocclusion: the regions behind depth edges that the aperture sees.
 
-The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
-of the near one. The maximum of r_far - |q - far| over all edges (a dilation by a cone) bounds the
-region. But the lens sees the next surface first: behind a wire in front of a sign, it sees the
-sign, even where the cone of the sky beside the sign is greater. So the closest edge is kept, too,
-and its surface is continued if it is the sharper one.
+The aperture sees a far surface behind an edge as long as its radius, less the distance from the
+edge, exceeds the radius of the near surface. The maximum of r_far - |q - far| over all edges (a
+dilation by a cone) bounds the region. But the lens sees the next surface first: behind a wire in
+front of a sign, it sees the sign, even where the cone of the sky beside the sign is higher. So the
+closest edge is stored, too, and its surface is continued if it is the sharper one.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ _PIXELS, _BYTES_EACH = 1 << 20, 8
 class Revealed(NamedTuple):
     """The surface that may show behind each coarse pixel."""
 
-    # [h, w] px, the radius in front of which the surface shows; below all radii where no
-    # surface does
+    # [h, w] px, the surface shows behind surfaces with a smaller radius than this; below all radii
+    # where no surface shows
     shown: Tensor
     source: Tensor  # [h, w] px, the radius of the edge from which the surface is continued
     # [h, w] px, the radius of the surface in front of that: the visible surface, or that of the
@@ -61,7 +61,10 @@ class Revealed(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """The edges of a frame, by coarse pixels of half resolution; radii are integers, in grains."""
+    """How far behind depth edges farther surfaces are seen, on coarse pixels of half resolution.
+
+    Radii are integers, in grains.
+    """
 
     # [h, w], the greatest cone in the upper bits, and the radius of its edge in the lower ones
     farthest: Tensor
@@ -74,7 +77,9 @@ class Reach(NamedTuple):
     ) -> Revealed:
         """The surface that may show behind each coarse pixel.
 
-        `near`: [height, width] px, the surface in front.
+        `near`: [height, width] px, radii of the surface in front; `coarse`: the box of the coarse
+        pixels; `middle`: the middle of the frame among them; `level`: 1 for half resolution, 0 for
+        full resolution.
         """
         cone, far = self._read(self.farthest, coarse, middle, level)
         # two pixels of neighbouring coarse pixels may be a px apart, and not two
@@ -97,7 +102,10 @@ class Reach(NamedTuple):
     def _read(
         self, edges: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper and the lower bits of `edges` in each coarse pixel, as integers."""
+        """The upper bits (cones or distances) and the lower bits (radii) of `edges`.
+
+        Both are given at each coarse pixel of the box `coarse`, as integers.
+        """
         cuts = []
         for d, axis in enumerate(middle):
             fine, start, length = self.fine[d].middle, coarse[d] - axis.middle, coarse[d + 2]
@@ -116,15 +124,15 @@ class Reach(NamedTuple):
 
 
 def grain_of(minimum: float, maximum: float) -> float:
-    """The grain in px for radii from `minimum` to `maximum` px."""
+    """The grain in px, the unit of integer radii, for radii from `minimum` to `maximum` px."""
     largest = min(max(-minimum, maximum, 1.0), MAXIMUM)
     return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - LEVELS)
 
 
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
-    """The cones of farther pixels at edges, not yet dilated: [h, w] int32, at half resolution.
+    """The cones [h, w] int32 of the farther pixels at edges before dilation, at half resolution.
 
-    `r`: [H, W] px; `farther`: indices of the farther pixels in `r`.
+    `r`: radii [H, W] px; `farther`: flat indices of the farther pixels; `middle`: of the frame.
     """
     grains = r.flatten()[farther].clamp(-MAXIMUM, MAXIMUM) / grain
     radii = (grains + BETWEEN).round().to(torch.int32)
@@ -133,17 +141,18 @@ def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, A
     source = (radii << BITS) + (radii + (1 << LEVELS))
     down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
     cone = source.new_full((down.length, across.length), NOWHERE)
-    for coarse_row in _coarse_size(row, down):
-        for coarse_column in _coarse_size(column, across):
+    for coarse_row in _coarse_indices(row, down):
+        for coarse_column in _coarse_indices(column, across):
             at = coarse_row * across.length + coarse_column
             cone.view(-1).scatter_reduce_(0, at, source, "amax")
     return cone
 
 
 def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
-    """The reach of edges [h, w] from `coarse_edges`, whose radii differ by `span` px at most.
+    """How far behind depth edges the surfaces beyond them are seen.
 
-    The edges are overwritten.
+    `edges`: [h, w] of `coarse_edges`, overwritten; `grain`: in px; `span`: greatest difference
+    between radii, in px; `fine`: the middle of the frame at full resolution.
     """
     closest = torch.where(edges == NOWHERE, NOWHERE, edges & RADIUS)
     return Reach(
@@ -154,7 +163,7 @@ def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) 
     )
 
 
-def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
+def _coarse_indices(position: Tensor, axis: AxisHalving) -> list[Tensor]:
     """The one or two coarse pixels of half resolution that contain each pixel, along an axis."""
     position = position + axis.before
     if not axis.axis.odd:
@@ -163,7 +172,10 @@ def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
 
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
-    """Edges [h, w], dilated in place; upper bits fall by `decay` per px, by `span` at most."""
+    """Edges [h, w] dilated in place by a cone whose upper bits fall by `decay` per px.
+
+    `span`: greatest fall that matters.
+    """
     reached, stride, coarse = 0, 1, pieces(edges.device, _BYTES_EACH, _PIXELS)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << BITS

@@ -1,7 +1,7 @@
 """The pyramid of the whole frame, from which hidden surfaces are continued.
 
-A surface behind a depth edge is continued from pictures of a quarter of the resolution and less.
-These pictures, and the map of the reach of each edge, are computed once for the whole frame.
+A surface behind a depth edge is continued from pictures of reduced resolution. These, and a map of
+how far behind each edge the aperture sees, are computed once for the whole frame.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from defocus_core.tensors.pyramid import Axis, axes
 
 
 class Backdrop(NamedTuple):
-    """A frame at low resolution."""
+    """A frame at reduced resolutions, and its depth edges, from which hidden surfaces are made."""
 
     half: PyramidLevel  # at half of the resolution: colour, and radius in px
     adjacent: SurfaceTable  # the same as a table for look-ups
@@ -57,7 +57,11 @@ def backdrop_of(
     unmixes: bool = True,
     matte: Tensor | None = None,  # [H, W], the coverage of a subject; None if it is not known
 ) -> Backdrop:
-    """The pyramid of a frame, the reach of its edges, and its mixed pixels split in two."""
+    """The pyramid of a frame, the reach of its edges, and its mixed pixels.
+
+    `limit`: brightness above which a pixel is a highlight, which is not continued; `unmixes`:
+    whether mixed pixels are split into two surfaces.
+    """
     H, W = signed_radius.shape[-2:]
     dtype = dtype or pixels.dtype
     minimum, maximum = limits or _limits_of(signed_radius)
@@ -91,7 +95,7 @@ def _half(
     middle: tuple[Axis, Axis],
     mixed: MixedPixels,
 ) -> PyramidLevel:
-    """The level of half resolution."""
+    """The level of half resolution, without highlights and nearer parts of mixed pixels."""
     own, *nearer = layers_of(pixels, signed_radius, mixed)
     weight = exceeding(own.color.detach().amax(0), limit).logical_not_().to(signed_radius.dtype)
     for layer in nearer:
@@ -102,7 +106,7 @@ def _half(
 
 
 def _beside_edges(r: Tensor) -> Tensor:
-    """The flat indices of the farther pixels at edges of radii [H, W] px."""
+    """Flat indices of the pixels on the farther side of edges of the radii `r` [H, W] px."""
     numbers = []
     W = r.shape[-1]
     for dim, stride in ((-2, W), (-1, 1)):

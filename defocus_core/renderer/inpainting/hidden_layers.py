@@ -1,8 +1,8 @@
-"""Hidden layers: surfaces behind depth edges, unseen by the pinhole but not by the aperture.
+"""Hidden layers: surfaces behind depth edges that the aperture sees and the pinhole does not.
 
-Neighbouring pixels whose radii differ by more than one px have a depth edge between them: with
-|∇r| < 1 the map from the picture of a lens point to that of the pinhole is one to one, beyond that
-a surface hides another. The whole aperture sees the farther surface up to r_far - r_near px behind
+Neighbouring pixels whose radii differ by more than one px have a depth edge between them: with |∇r|
+< 1 the map from the picture of a lens point to that of the pinhole is one to one; beyond that, one
+surface hides another. The whole aperture sees the farther surface up to r_far - r_near px behind
 the edge. There the colour and radius of farther surfaces are continued, from the closest pixels and
 along lines. There is one hidden layer: where two wires cross before a wall, the surface continued
 behind the nearer wire is the other wire or the wall, whichever is sharper. A known layer replaces
@@ -39,14 +39,14 @@ class CoarseGrid(NamedTuple):
 
     @classmethod
     def from_size(cls, size: tuple[int, int], fine: _Axes, level: int) -> CoarseGrid:
-        """The coarse pixels of a part of (height, width)."""
+        """The coarse pixels of a part of a frame that has `size` (height, width) in px."""
         if not level:
             return cls(fine, fine, 0)
         down, across = (halves(n, axis) for n, axis in zip(size, fine, strict=True))
         return cls((down.axis, across.axis), fine, level)
 
     def pixels(self, at: Tensor) -> Tensor:
-        """Rows and columns in px [n, 2] of places `at` among coarse px, fractions allowed."""
+        """Positions `at` [n, 2] in coarse pixels, converted to px; they may be fractional."""
         step = 1 << self.level
         positions = [
             (at[:, d] - axis.middle) * step + fine.middle
@@ -57,7 +57,7 @@ class CoarseGrid(NamedTuple):
         return torch.stack(positions, 1)
 
     def coarse(self, box: Box) -> Box:
-        """The coarse pixels that hold the pixels of a rectangle."""
+        """The rectangle of coarse pixels that contain the pixels of `box`."""
         if not self.level:
             return box
         limits = []
@@ -68,14 +68,17 @@ class CoarseGrid(NamedTuple):
 
 
 def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
-    """The greatest value [..., H, W] of the coarse pixels around each pixel."""
+    """The greatest value of the coarse pixels that contain each pixel [..., H, W].
+
+    `values`: [..., h, w] at half resolution; `size`: (height, width) in px; `middle`: of the frame.
+    """
     down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
     wide = spread_out(values, (down.axis.odd, across.axis.odd))
     return Box(down.before, across.before, *size).crop(wide)
 
 
 def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
-    """Whether coarse pixels [h, w] of half resolution hold any pixel of a mask [..., H, W] bool."""
+    """Whether each coarse pixel [h, w] of half resolution contains any pixel of a mask [H, W]."""
     fraction, _ = averaged(mask.to(torch.float32)[None, None], 1, middle)
     return fraction[0, 0].gt(0)
 
@@ -89,9 +92,9 @@ def hidden_layer(
     *,
     level: int = 0,
 ) -> HiddenLayer | None:
-    """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
+    """Continue farther surfaces behind nearer ones, where the aperture sees them.
 
-    Returns the layer within `wanted`, None where nothing is hidden.
+    Returns the layer within `wanted`, or None if nothing is hidden there.
     """
     H, W = signed_radius.shape[-2:]
     backdrop = backdrop or backdrop_of(image, signed_radius)
@@ -139,10 +142,10 @@ def hidden_layer(
 
 
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
-    """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
+    """The farther surfaces around hidden pixels, from a quarter of the resolution and coarser.
 
-    Weight missing at a level is taken from the next coarser one. Returns colour and radius
-    [n, C + 1] times weights, structure tensors [n, 3], and weights [n].
+    Weight missing at a level is taken from the next coarser one. Returns colour and radius [n, C +
+    1] times weights, structure tensors [n, 3], and weights [n].
     """
     first, *rest = backdrop.tables
     found, weights = nearby(first, asked)
@@ -166,7 +169,10 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
 def _filled(
     values: Tensor, weight: Tensor, more: Tensor, fraction: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Values [n, C + 1] and weights [n], completed from a coarser level where weight is missing."""
+    """Values [n, C + 1] and weights [n], completed from a coarser level where weight is missing.
+
+    `more`, `fraction`: values and weights of the coarser level.
+    """
     missing = (1 - weight) * (weight < limits.ENOUGH)
     return torch.addcmul(values, more, missing[:, None]), torch.addcmul(weight, fraction, missing)
 
@@ -174,7 +180,10 @@ def _filled(
 def _with_adjacent_surface(
     values: Tensor, weight: Tensor, backdrop: Backdrop, asked: HiddenQueries, level: int
 ) -> tuple[Tensor, Tensor]:
-    """Values and weights, completing those at half resolution of the surface next to each pixel."""
+    """Values and weights of the surface next to each pixel at half resolution, with given ones.
+
+    The given `values` and `weight`, of coarser levels, complete those of half resolution.
+    """
     found, fractions = nearby(backdrop.adjacent, asked, 0.5 if level else 0.0)
     fraction = fractions[0]
     maximum = (fraction * limits.NEXT).clamp(max=1)

@@ -1,13 +1,13 @@
-"""A pyramid of two layers: in each coarse px the farthest surface, and the next one in front of it.
+"""A pyramid of two surfaces: in each coarse pixel the farthest one, and the next in front of it.
 
 A coarse pixel on a depth edge holds two surfaces. Their mean is neither, and hidden content is
-continued from the farther one alone. So each coarse pixel keeps two surfaces, each the mean of
-pixels of like radii. From the second halving on coarse pixels overlap (Burt 1981), so that their
-values hardly depend on where an edge lies among them.
+continued from the farther one only. So each coarse pixel keeps two surfaces, each the mean of
+pixels of similar radii. From the second halving on, coarse pixels overlap (Burt 1981), so that
+their values hardly depend on where an edge lies among them.
 
-A hidden pixel takes the mean of the surfaces around it at a fine level, by the weight that they
-have there, and the rest from the next coarser level, until its weight is enough: push-pull
-(Gortler et al. 1996). The levels are computed once, and read for the hidden pixels alone.
+The value of a hidden pixel is the mean of the surfaces around it at a fine level, by the weight
+that they have there, and the rest is taken from the next coarser level, until the weight is enough:
+push-pull (Gortler et al. 1996). The levels are computed once, and read only for hidden pixels.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class PyramidLevel(NamedTuple):
     """Two surfaces in each coarse pixel of a picture, or of a part of one.
 
     Each is [K + 3, h, w]: K values, 0 where there is no surface; its weight, the share in [0, 1] of
-    the coarse pixel that it takes; and its least and greatest radius in px, infinite where there is
-    none.
+    the coarse pixel that it covers; and its least and greatest radius in px, infinite where there
+    is none.
     """
 
     far: Tensor  # the farthest surface
@@ -44,17 +44,17 @@ class PyramidLevel(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width) in coarse pixels."""
+        """The height and the width in coarse pixels."""
         return self.far.shape[1], self.far.shape[2]
 
     @property
     def surfaces(self) -> list[Tensor]:
-        """The two surfaces of the level, or the only one."""
+        """The far and the near surface, or the far one only at full resolution."""
         return [self.far] if self.near is None else [self.far, self.near]
 
     @property
     def edges(self) -> Tensor:
-        """Whether coarse pixels [h, w] hold two surfaces."""
+        """Whether each coarse pixel [h, w] holds two surfaces."""
         assert self.near is not None
         return self.near[-1].detach() > -torch.inf
 
@@ -65,7 +65,7 @@ def pixels_of(
     middle: tuple[Axis, Axis],
     weight: Tensor | None = None,  # [H, W] in [0, 1], weights of pixels; None if all are 1
 ) -> PyramidLevel:
-    """A picture at full resolution."""
+    """The level of full resolution, at which each pixel holds one surface."""
     r = signed_radius.detach()
     weight = torch.ones_like(r) if weight is None else weight
     further = weight[None], r[None], r[None]
@@ -101,16 +101,17 @@ def coarser(level: PyramidLevel) -> PyramidLevel:
 
 
 def _shares(axis: AxisHalving, *, overlapping: bool) -> tuple[int, list[float]]:
-    """The count of pixels before pixel 2 i that share in coarse pixel i; shares of all pixels."""
+    """How many pixels before pixel 2 i are averaged to coarse pixel i, and all pixels' shares."""
     if axis.axis.odd:
         return 1, [0.5, 1.0, 0.5]
     return (1, [0.25, 0.75, 0.75, 0.25]) if overlapping else (0, [1.0, 1.0])
 
 
 def _two_farthest(held: Tensor, fraction: Tensor, alike: float) -> tuple[Tensor, Tensor]:
-    """The farthest surface and the next one [K + 3, h, w] in coarse pixels.
+    """The farthest surface and the next one, [K + 3, h, w] each, of coarse pixels.
 
-    `held`: [K + 3, k, h, w], the surfaces that each holds; `fraction`: [k, 1, 1], their shares.
+    `held`: [K + 3, k, h, w], the k surfaces that each coarse pixel holds; `fraction`: [k, 1, 1],
+    their shares; `alike`: px by which radii of one surface differ at most.
     """
     values, weight = held[:-3], held[-3] * fraction
     minimum, maximum = held[-2:].detach()
@@ -129,7 +130,10 @@ def _two_farthest(held: Tensor, fraction: Tensor, alike: float) -> tuple[Tensor,
 
 
 def least_of(signed_radius: Tensor, middle: tuple[Axis, Axis]) -> Tensor:
-    """The least radius [h, w] of the pixels [H, W] of each coarse pixel."""
+    """The least radius of the pixels in each coarse pixel [h, w] of half resolution.
+
+    `signed_radius`: [H, W] px; `middle`: the middle of the frame.
+    """
     axes = [halves(n, axis) for n, axis in zip(signed_radius.shape, middle, strict=True)]
     values = extended(signed_radius, axes[0], axes[1], torch.inf)
     for dim, axis in enumerate(axes):
@@ -144,14 +148,14 @@ _BYTES_OF_QUERY = 1 << 10
 
 
 class HiddenQueries(NamedTuple):
-    """Hidden pixels, and the range of radii of the surfaces that are continued to each."""
+    """Hidden pixels, each with the range of radii of the surfaces that are continued to it."""
 
     at: Tensor  # [n, 2] rows and columns, also between pixels
     border: Tensor  # [n] px, the radius that a surface must exceed
     ceiling: Tensor  # [n] px, the radius that a surface must not reach
 
     def select(self, index: Tensor) -> HiddenQueries:
-        """The pixels of these indices."""
+        """The pixels with the given indices."""
         return HiddenQueries(*(values.index_select(0, index) for values in self))
 
 
@@ -191,11 +195,11 @@ class SurfaceTable(NamedTuple):
 
 
 def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tuple[Tensor, Tensor]:
-    """The mean of the coarse pixels of each level around each pixel, weighted by distance.
+    """The mean of the surfaces around each pixel at each level, weighted by distance.
 
-    Only surfaces in the pixel's range of radii count. `around`: distance in px, in rows and
-    columns, of two places on both sides of the pixel, which are averaged. Returns [L, n, K] values
-    times weights, and [L, n] weights.
+    Only surfaces whose radius lies between the pixel's border and ceiling count. `around`: px from
+    the pixel to two places on both sides, in rows and in columns, which are averaged. Returns [L,
+    n, K] values times weights, and [L, n] weights.
     """
     count = pieces(asked.at.device, _BYTES_OF_QUERY * len(table.origin))
     if len(asked.at) <= count:
@@ -207,7 +211,7 @@ def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tu
 
 
 def _nearby(table: SurfaceTable, asked: HiddenQueries, around: float) -> tuple[Tensor, Tensor]:
-    """`nearby` for a few pixels at once."""
+    """`nearby`, for all pixels at once."""
     border, ceiling = (x.detach()[None, :, None] for x in (asked.border, asked.ceiling))
     position = torch.addcmul(table.origin, table.step, asked.at.T.to(border.dtype))  # [L, 2, n]
     away = around * table.step if around else 0.0

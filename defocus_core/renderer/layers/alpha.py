@@ -1,7 +1,7 @@
 """Alpha of the render: its source, and functions that add and remove it.
 
-The last channel of pictures and views of layers is alpha. `compositing.left_right` keeps it
-within 1 in left and right.
+The last channel of pictures and views of layers is alpha. `compositing.left_right` keeps it at most
+1 in left and right.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ def color_of(pixels: Tensor) -> Tensor:
 
 
 def with_coverage(front: Tensor) -> Tensor:
-    """A front [M, C + 1, h, w] with its coverage as a further channel of colours."""
+    """A front [M, C + 1, h, w] with its coverage as a further colour channel: [M, C + 2, h, w]."""
     return torch.cat([front, front[:, -1:]], 1)
 
 
 def without_alpha(views: ViewTensors) -> ViewTensors:
-    """The colours of views with alpha."""
+    """Views without their last channel, alpha."""
     return views._replace(images=[image[:-1] for image in views.images])
 
 
 def with_opaque_alpha(views: ViewTensors) -> ViewTensors:
-    """Views with an alpha of 1."""
+    """Views with an alpha of 1 as a further channel."""
     alpha = torch.ones_like(views.render[:1])
     return views._replace(images=[torch.cat([image, alpha]) for image in views.images])

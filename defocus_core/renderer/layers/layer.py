@@ -1,7 +1,7 @@
-"""Layers: visible or hidden parts of one surface per pixel.
+"""Layers: samples of one surface per pixel, visible or hidden.
 
-Layers of a picture are the surface that its depth names and the parts of nearer surfaces in the
-same pixels. Those of a layered scene are its samples, from near to far.
+The layers of a picture are the surface at the depth of each pixel, then parts of nearer surfaces in
+the same pixels. The layers of a layered scene are its samples, from near to far.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SOLID, TRACE = "solid", "trace"
 
 
 class SampleLayer(NamedTuple):
-    """Samples of pixels, at most one of each pixel."""
+    """A layer with at most one sample in each pixel."""
 
     color: Tensor  # [C, ..., H, W], not premultiplied by coverage; 0 where that is 0
     coverage: Tensor  # [1, ..., H, W], the share of each pixel that the layer covers
@@ -42,12 +42,12 @@ class SampleLayer(NamedTuple):
 
     @property
     def light(self) -> Tensor:
-        """[C, ..., H, W], premultiplied by coverage."""
+        """The colour premultiplied by coverage, [C, ..., H, W]."""
         return self.color * self.coverage
 
     @property
     def covered(self) -> Tensor:
-        """[..., H, W], coverage of all pixels."""
+        """The coverage as [..., H, W]."""
         return self.coverage[0]
 
     @property
@@ -56,7 +56,7 @@ class SampleLayer(NamedTuple):
         return [self.light, self.coverage]
 
     def crop(self, box: Box) -> SampleLayer:
-        """The layer in a box."""
+        """The part of the layer in a box."""
         color, coverage, radius = map(box.crop, self[:3])
         return self._replace(color=color, coverage=coverage, signed_radius=radius)
 
@@ -67,7 +67,7 @@ class HiddenLayer(NamedTuple):
     Attributes:
         color: [C, H, W].
         signed_radius: [H, W] px.
-        mask: [H, W] bool.
+        mask: [H, W] bool, where the surface exists.
     """
 
     color: Tensor
@@ -81,7 +81,7 @@ KnownLayer = tuple[Tensor, Tensor, Tensor]
 
 
 def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[SampleLayer, ...]:
-    """The layers of a picture: the surface that its depth names, then parts of nearer ones.
+    """The layers of a picture: the surface at each pixel's depth, then parts of nearer surfaces.
 
     `image`: [C, ..., H, W]; `signed_radius`: [..., H, W] px.
     """
@@ -102,7 +102,7 @@ def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple
 
 
 def mixed_within(mixed: MixedPixels, box: Box) -> MixedPixels:
-    """The mixed pixels in a box of a frame."""
+    """The mixed pixels of a frame that lie in a box, with positions relative to the box."""
     y, x = mixed.at[:, 0] - box.top, mixed.at[:, 1] - box.left
     number = flat_nonzero((y >= 0) & (x >= 0) & (y < box.height) & (x < box.width))
     at = torch.stack([y, x], 1)
@@ -110,7 +110,10 @@ def mixed_within(mixed: MixedPixels, box: Box) -> MixedPixels:
 
 
 def of_slices(layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> list[SampleLayer]:
-    """Layers merged to one layer per slice that holds any of their samples."""
+    """Layers merged to one layer for each slice that holds any of their samples.
+
+    `radii`: signed radii of the slices in px.
+    """
     sums: dict[int, Tensor] = {}
     for layer in layers:
         positions = slice_position(layer.signed_radius, radii)

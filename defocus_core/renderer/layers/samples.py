@@ -1,10 +1,10 @@
 """Samples of pixels: those of one layer of the scene, and of layers sorted from near to far.
 
 Samples of one pixel are uncorrelated within it: a sample shows through the share that all nearer
-ones leave, so that the picture in focus is their `over` (Porter & Duff 1984). The share that
-shows is visible, the rest is hidden, except what its own surface hides: samples of one pixel whose
-radii belong to one layer of slices are one surface. The share of a pixel that no sample covers is
-empty.
+ones leave, so that the picture in focus is their `over` (Porter & Duff 1984). The share that shows
+is visible, and the rest is hidden, except the part that its own surface hides: samples of one pixel
+whose radii belong to one layer of slices are of one surface. The share of a pixel that no sample
+covers is empty.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FEW_SAMPLES = 8
 
 
 class Layered(NamedTuple):
-    """A scene of layers in any order."""
+    """A scene of L layers with coverage, in any order."""
 
     colors: Tensor  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
     signed_radius: Tensor  # [L, H, W] px; undefined where coverage is 0
@@ -49,7 +49,7 @@ class Layered(NamedTuple):
 
     @classmethod
     def from_layers(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
-        """Make a scene of layers."""
+        """The scene of the given layers, whose coverage and radii are checked."""
         cover = coverage.detach()
         if not bool(((cover >= 0) & (cover <= 1)).all()):
             raise ValueError(
@@ -82,7 +82,7 @@ class Layered(NamedTuple):
 
     @property
     def dtype(self) -> torch.dtype:
-        """Type of the numbers to compute with."""
+        """The dtype to compute in."""
         of_colors = torch.promote_types(self.colors.dtype, torch.float32)
         return torch.promote_types(of_colors, self.signed_radius.dtype)
 
@@ -106,11 +106,11 @@ class Layered(NamedTuple):
         return Alpha.BLURRED if self.deepest == 1 else Alpha.COVERED
 
     def nearest(self) -> Tensor:
-        """The radius [H, W] px of the nearest sample of each pixel."""
+        """The signed radius [H, W] px of the nearest sample of each pixel."""
         return self._read(lambda box: self.radii(box)[0].amin(0))
 
     def most_blurred(self) -> Tensor:
-        """The radius [H, W] px of the most blurred sample of each pixel."""
+        """The signed radius [H, W] px of the most blurred sample of each pixel."""
 
         def most_blurred(box: Box) -> Tensor:
             radii, coverage = self.radii(box)
@@ -121,7 +121,7 @@ class Layered(NamedTuple):
         return self._read(most_blurred)
 
     def _read(self, function: Callable[[Box], Tensor]) -> Tensor:
-        """A picture [..., H, W], read box by box by a function."""
+        """A picture [..., H, W], computed by `function` for one box after another."""
         _, _, height, width = self.colors.shape
         size, device = (height, width), self.colors.device
         return in_bands(lambda box: function(box).to(self.dtype), size, device)
@@ -132,7 +132,10 @@ class Layered(NamedTuple):
         return torch.where(coverage > 0, radius, self.limits[1]), coverage
 
     def stack(self, box: Box, dtype: torch.dtype | None = None) -> SampleStack:
-        """The samples of the pixels in a box, nearest first; of equal radii in order of layers."""
+        """The samples of the pixels in a box, nearest first.
+
+        Samples of equal radius are in the order of layers.
+        """
         dtype = dtype or self.dtype
         radius, coverage = self.radii(box)
         color = torch.where(coverage[:, None] > 0, box.crop(self.colors).to(dtype), 0.0)
@@ -166,7 +169,7 @@ class SampleStack(NamedTuple):
         return (self.color * self.through[:-1, None]).sum(0)
 
     def opaque(self) -> Tensor:
-        """The radii [L, h, w] px of opaque samples; infinite for others."""
+        """The radii [L, h, w] px of opaque samples; infinite for other samples."""
         clear = self.color[:, -1] < 1 - _CLEAR
         return self.signed_radius.masked_fill(clear, torch.inf)
 
@@ -175,9 +178,9 @@ class SampleStack(NamedTuple):
         return self.opaque().amin(0).clamp(max=farthest)
 
     def known_behind(self, box: Box) -> tuple[Tensor, Tensor] | None:
-        """Whether all samples behind the nearest are opaque together; the radius of the farthest.
+        """Where the samples behind the nearest one are opaque together, and the farthest radius.
 
-        Both [h, w] in a box; None if there are none.
+        Both are [h, w], in a box; None if no pixel has a sample behind the nearest one.
         """
         if len(self.color) == 1:
             return None
@@ -185,11 +188,11 @@ class SampleStack(NamedTuple):
         return box.crop(known), box.crop(self.signed_radius[-1])
 
     def visible(self) -> tuple[SampleLayer, ...]:
-        """The visible layers: the nearest sample, and the visible shares of those behind it."""
+        """The visible layers: the nearest samples, then the visible shares of samples behind."""
         return self._weighted(self.through[:-1])
 
     def hidden(self) -> tuple[SampleLayer, ...]:
-        """The layer that nearer samples of the same pixels hide; None if nothing is hidden."""
+        """The layers of what nearer samples of the same pixels hide; empty if nothing is hidden."""
         if len(self.color) == 1:
             return ()
         weights = self._hidden_weights()
@@ -198,7 +201,7 @@ class SampleStack(NamedTuple):
         return self._weighted(weights)
 
     def _hidden_weights(self) -> Tensor:
-        """The share [L, h, w] of each sample hidden by nearer surfaces other than its own."""
+        """The share [L, h, w] of each sample that nearer samples of other surfaces hide."""
         radii, cover = self.signed_radius, self.color[:, -1]
         weights, first = [], 0
         at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
@@ -214,7 +217,7 @@ class SampleStack(NamedTuple):
         return torch.stack(weights)
 
     def _weighted(self, weights: Tensor) -> tuple[SampleLayer, ...]:
-        """The samples times weights [L, h, w]."""
+        """The samples as layers, with their coverage times weights [L, h, w]."""
         layers = []
         for color, radius, weight in zip(self.color, self.signed_radius, weights, strict=True):
             cover = color[-1:]
@@ -225,11 +228,14 @@ class SampleStack(NamedTuple):
 
 
 def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
-    """Separation of radii [..., h, w] px: 0 or less within one surface, 1 or more between two."""
+    """How separate two radii in px are: 0 or less if of one surface, 1 or more if of two.
+
+    `radius`, `nearer`: [..., h, w]; `nearer` is the smaller one.
+    """
     step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
     return 2 * (radius - nearer) / step - 1
 
 
 def ascending(values: Tensor) -> Tensor:
-    """The indices [L, h, w] that sort values stably in ascending order along L."""
+    """The indices [L, h, w] that sort values in ascending order along L; the sort is stable."""
     return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)

@@ -1,7 +1,7 @@
-"""Slice radii: slices by signed CoC radius, the share of each pixel in them, and their order.
+"""Slice radii: the signed CoC radii of slices, the shares of pixels in slices, and layer order.
 
-Slice radii, in px, depend on the quality alone. A pixel between two slice radii belongs to both, by
-weights that sum to one and keep the second moment of its blur: linear in r².
+Slice radii, in px, depend only on the quality. A pixel between two slice radii belongs to both
+slices, by weights that sum to one and keep the second moment of its blur: they are linear in r².
 
 Visible layers are composited first, as they are known. But the light of a far more blurred surface
 would spread over hidden surfaces in front of it: a sign behind a fence would be tinted by the sky.
@@ -33,10 +33,11 @@ _PX = "radii are in px, negative nearer than focus"
 
 
 def plane_of(minimum: float, maximum: float) -> float | None:
-    """The radius of a frame that is visibly one plane out of focus; else None.
+    """The radius in px of a frame that is visibly a single plane out of focus; else None.
 
-    One kernel blurs the whole frame, with its highlights. The radius is rounded, so that invisible
-    changes of the radii do not change it.
+    `minimum`, `maximum`: least and greatest signed radius of the frame in px. One kernel then blurs
+    the whole frame, with its highlights. The radius is rounded, so that invisible changes of the
+    radii do not change it.
     """
     middle = round((minimum + maximum) / 2 / _FLAT) * _FLAT
     is_plane = maximum - minimum <= _FLAT and abs(middle) > 2 * SOFT
@@ -46,8 +47,9 @@ def plane_of(minimum: float, maximum: float) -> float | None:
 def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float, ...]:
     """The slice radii in px, ascending, for radii from `minimum` to `maximum` px.
 
-    The first and the last are an even number of slices from focus, and there are at least three, so
-    that every other one is a set of slice radii, too. The radius of a plane is a slice radius.
+    The first and the last slice are an even number of slices away from focus, and there are at
+    least three, so that every other slice is a set of slices, too. The radius of a plane is a slice
+    radius.
     """
     if (plane := plane_of(minimum, maximum)) is not None:
         step = max(quality.near_spacing, quality.far_spacing * abs(plane))
@@ -65,7 +67,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
 
 
 def even_radii(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
-    """Exactly `count` evenly spaced radii; a single one is in the middle."""
+    """`count` evenly spaced radii from `minimum` to `maximum`; a single radius is in the middle."""
     if count == 1:
         return ((minimum + maximum) / 2,)
     return tuple(minimum + (maximum - minimum) * k / (count - 1) for k in range(count))
@@ -75,9 +77,9 @@ def even_radii(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
 def layer_numbers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
 
-    Where |r| < 2 px each slice is a layer. Beyond, a layer holds the radii of one side of focus
-    whose ratio is at most that of the quality; the ranges are fixed, as the slice radii are. The
-    visible parts of two surfaces so close to each other are nearly complementary after the blur,
+    Below 2 px each slice is a layer. From there on, a layer holds radii on one side of focus whose
+    ratio is at most `quality.layer_ratio`; the ranges are fixed, as the slice radii are. The
+    visible parts of two surfaces of such similar radii are nearly complementary after the blur,
     whichever is in front.
     """
     names: list[tuple[int, float]] = []
@@ -89,10 +91,10 @@ def layer_numbers(radii: tuple[float, ...], quality: Quality) -> list[int]:
 
 
 def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
-    """Positions of radii [...] px among slice radii: k on the k-th, k + fraction beyond it.
+    """Positions of radii [...] px among the slice radii, as fractional slice indices.
 
-    A radius beyond the first or the last has the position of that one. Differentiable in the
-    radius.
+    The fraction is the share in the next slice. A radius beyond the first or the last slice has the
+    position of that slice. Differentiable in the radius.
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
@@ -114,7 +116,7 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
 
 
 class _QuadraticPiece(NamedTuple):
-    """Radii r up to `end` px, with a share a r² + b r + c in the slice after `slice_index`."""
+    """The share a r² + b r + c in the slice after `slice_index`, for radii r up to `end` px."""
 
     slice_index: int
     end: float
@@ -125,7 +127,7 @@ class _QuadraticPiece(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
-    """The pieces of the function from radii to shares, in ascending order."""
+    """The pieces of the function from radii to shares, in ascending order of radii."""
     pieces = []
     for slice_index, (low, high) in enumerate(pairwise(radii)):
         square, width = high * high - low * low, high - low
@@ -145,7 +147,7 @@ def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
 def _columns(
     radii: tuple[float, ...], dtype: torch.dtype, device: torch.device
 ) -> tuple[Tensor, ...]:
-    """The fields of `_pieces` as tensors, one for each field."""
+    """The fields of `_pieces` as tensors, one tensor for each field."""
     with torch.inference_mode(False):  # they are cached for calls that need gradients, too
         return tuple(
             sent(column, torch.empty(0, dtype=dtype, device=device))
@@ -154,7 +156,10 @@ def _columns(
 
 
 def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
-    """The two pieces that replace a piece next to focus: from 0 to SHARP, from SHARP to SOFT."""
+    """The pieces for |r| from 0 to SHARP and from SHARP to SOFT, on the side of `whole`.
+
+    `whole`: the piece next to focus, which holds for the radii beyond.
+    """
     k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
     if whole.end > 0:
         between = _QuadraticPiece(whole.slice_index, SOFT, k, -2 * k * SHARP, k * SHARP**2)
@@ -164,10 +169,10 @@ def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
 
 
 def membership(positions: Tensor, slices: Tensor) -> Tensor:
-    """Shares [k, ..., H, W] in slices [k] of pixels at positions [..., H, W]; shares sum to 1.
+    """Shares [k, ..., H, W] of pixels at positions [..., H, W] in slices [k].
 
-    A pixel on a slice has the gradient of those between it and the slice before, as in
-    `slice_before`.
+    The shares of a pixel in all slices sum to 1. A pixel exactly on a slice has the gradient of the
+    interval before that slice, as in `slice_before`.
     """
     numbers = slices.view(-1, *[1] * positions.dim())
     if not (torch.is_grad_enabled() and positions.requires_grad):
@@ -179,9 +184,9 @@ def membership(positions: Tensor, slices: Tensor) -> Tensor:
 
 
 def slice_before(positions: Tensor) -> Tensor:
-    """The slice before positions [...]; a position on a slice belongs to the interval before it.
+    """The slice before each position [...]; for a position on a slice, the slice before that.
 
-    Positions on the first slice belong to the interval after it.
+    For positions on the first slice it is the first slice.
     """
     nearest = positions.round()
     return torch.where(tied(positions, nearest), nearest - 1, positions.floor()).clamp(min=0)
@@ -193,7 +198,7 @@ MORE = 1.263
 
 
 class CompositeOrder(NamedTuple):
-    """The places of hidden octaves in the order of visible layers."""
+    """Where hidden octaves come in the order of visible layers."""
 
     around: int  # number of the first visible layer that is not blurred nearer than focus
     # Number of the first visible layer beyond focus; greater than all numbers if there is none
@@ -203,7 +208,7 @@ class CompositeOrder(NamedTuple):
     ahead: list[tuple[int, int]]
 
     def octaves_before(self, number: int) -> list[int]:
-        """The octaves that come before a layer."""
+        """The hidden octaves that come directly before visible layer `number`."""
         return [octave for octave, first in self.ahead if first == number]
 
 
@@ -214,7 +219,11 @@ def octaves(radii: tuple[float, ...]) -> list[int]:
 
 
 def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> CompositeOrder:
-    """The composite order of hidden octaves, by the radii in px and the layers of slices."""
+    """Where hidden octaves come in the order of visible layers.
+
+    `radii`: signed radii of the slices in px; `layer_indices`: for each slice the number of its
+    layer.
+    """
     minimum: dict[int, float] = {}
     for layer_index, r in zip(layer_indices, radii, strict=True):
         if r >= ALONE:

@@ -1,8 +1,8 @@
-"""A sliced surface: the slices of a layer that each tile needs, and where they have pixels.
+"""A sliced surface: the slices that each tile needs, and where slices have pixels.
 
-Blocks of 16 px say where slices are. In a block of one slope every slice has this slope, and the
-kernel is tilted instead of the pixels; in a block of several slopes no slice has a slope. The edge
-of the frame continues beyond it.
+Slices are located by blocks of 16 px. Where all pixels of a block have one slope, every slice has
+this slope, and the kernel is tilted instead of the pixels; otherwise no slice has a slope there.
+The edge of the frame is continued beyond it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from defocus_core.tensors.pyramid import Axis, averaged
 
 
 def continue_edges(values: Tensor, given: Box) -> None:
-    """Repeat the edges of a rectangle of values [..., H, W] all around it, in place."""
+    """Repeat the edges of the rectangle `given` in the rest of values [..., H, W], in place."""
     for dim, side in zip((-2, -1), given.sides, strict=True):
         length = values.shape[dim]
         edges = ((side.first, 0, side.first), (side.end - 1, side.end, length - side.end))
@@ -34,7 +34,10 @@ def continue_edges(values: Tensor, given: Box) -> None:
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, ..., H, W] of x and y, continued along the edges of a rectangle, 0 across them."""
+    """Slopes [2, ..., H, W], x and y, padded to `box`.
+
+    They are repeated along the edges of the picture, and are 0 across the edges.
+    """
     H, W = slopes.shape[-2:]
     given = Box(-box.top, -box.left, H, W)
     if box == given:
@@ -71,12 +74,12 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
 def blocks_of(
     positions: Tensor, slices: int, present: Tensor | None = None, sharp: int | None = None
 ) -> Tensor:
-    """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
+    """Which blocks of 16 px hold pixels of each slice: [K, rows, columns] bool.
 
-    `positions`: [H, W] positions of pixels among the slice radii. If they need gradients, a pixel
-    on a slice is in the one before, too: its share there is 0, and has a gradient; `present`:
-    [H, W] bool, which pixels exist; None if all do; `sharp`: the slice in focus, on which shares
-    have no gradient; None if there is none.
+    `positions`: [H, W], fractional slice indices. If they need gradients, a pixel on a slice is
+    also in the slice before, as its share there, 0, has a gradient; `slices`: the number K of
+    slices; `present`: [H, W] bool, which pixels exist; None if all do; `sharp`: the slice in focus,
+    on which shares have no gradient; None if there is none.
     """
     height, width = positions.shape
     rows, columns = -(-height // BLOCK), -(-width // BLOCK)
@@ -96,7 +99,10 @@ def blocks_of(
 
 
 def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
-    """The least and the greatest value of each block of [..., H, W]."""
+    """The least and the greatest of values [..., H, W] in each block of 16 px.
+
+    Returns two tensors [..., rows, columns].
+    """
     rest = (0, -values.shape[-1] % BLOCK, 0, -values.shape[-2] % BLOCK)
     padded = pad(values.reshape(-1, *values.shape[-2:]), rest, mode="replicate")
     blocks = padded.unfold(-2, BLOCK, BLOCK).unfold(-2, BLOCK, BLOCK).flatten(-2)
@@ -107,7 +113,10 @@ def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
 def _slices_beside(
     positions: Tensor, count: int, sharp: int | None, *, learn: bool
 ) -> tuple[Tensor, Tensor]:
-    """The slices before and after positions; they may be the same slice."""
+    """The slices before and after each position; they may be the same slice.
+
+    Other arguments are as for `blocks_of`; `learn`: whether positions need gradients.
+    """
     before, after = positions.floor(), positions.ceil()
     if learn and torch.is_grad_enabled():
         between = torch.ones_like(positions, dtype=torch.bool)
@@ -123,17 +132,17 @@ _SAME_SLOPE = 1.5e-5
 
 
 class Planes:
-    """The slopes of slices in the blocks of a frame.
+    """The slopes of slices that are planes, found by blocks of 16 px.
 
     Attributes:
         tilted: [rows, columns] bool, the blocks that hold a slope other than 0, on the CPU.
     """
 
     def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
-        """Find slices that are planes.
+        """Find the slices that are planes.
 
-        `slopes`: [2, H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where
-        slices are, on the CPU.
+        `slopes`: [2, H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where slices
+        are, on the CPU.
         """
         self._lowest, self._highest = (ends.cpu() for ends in block_ranges(slopes))
         self._blocks = blocks
@@ -142,7 +151,7 @@ class Planes:
         self._everywhere = self._common(every, all_blocks, all_blocks)
 
     def slopes(self, slice_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
-        """Slopes of slices, x and y; None for a slice of several slopes within the rectangle."""
+        """The slope (x, y) of each slice within `box`; None for a slice with several slopes."""
         everywhere = [self._everywhere[number] for number in slice_indices]
         if None not in everywhere:
             return everywhere
@@ -155,7 +164,7 @@ class Planes:
     def _common(
         self, slice_indices: list[int], rows: slice, columns: slice
     ) -> list[tuple[float, float] | None]:
-        """The slopes of slices, x and y, in a rectangle of blocks; None if there are several."""
+        """The slope (x, y) of each slice in a rectangle of blocks; None if there are several."""
         lowest, highest = (x[:, rows, columns] for x in (self._lowest, self._highest))
         if not lowest.numel():
             return [None] * len(slice_indices)
@@ -168,7 +177,7 @@ class Planes:
 
 
 class SurfaceSamples(NamedTuple):
-    """The layers of a surface that are blurred together, and the slopes that shift them."""
+    """The layers of a surface that are blurred together, with their slopes and shifts."""
 
     layers: Sequence[SampleLayer]
     slopes: Tensor | None = None  # [2, H, W] of the radius, px per px; None if nothing is tilted
@@ -180,7 +189,7 @@ class SurfaceSamples(NamedTuple):
 
 
 class _FramedLayer(NamedTuple):
-    """A layer at the size of its frame, continued beside its pixels; 0 elsewhere."""
+    """A layer padded to the size of a frame: edges are repeated beside it, and the rest is 0."""
 
     light: Tensor  # [C + 1, ..., H, W], premultiplied by coverage, then coverage
     positions: Tensor  # [..., H, W] positions between slice radii
@@ -189,7 +198,7 @@ class _FramedLayer(NamedTuple):
 
 
 class SlicedSurface:
-    """A layer of the scene, and the slices that reach each tile of a grid.
+    """A surface, and the slices of it that reach each tile of a grid.
 
     Attributes:
         plan: For each tile the indices of slices that reach it, nearest first.
@@ -205,7 +214,7 @@ class SlicedSurface:
         before: int,  # greatest distance in px from the first row or column of a window to its tile
         beyond: int,  # greatest distance in px from the first row of a tile to the end of a window
     ) -> None:
-        """Plan the slices of a layer."""
+        """Plan the slices of a surface."""
         radius = samples.layers[0].signed_radius
         size = radius.shape[-2], radius.shape[-1]
         around = samples.around or Box(0, 0, *size)
@@ -241,7 +250,7 @@ class SlicedSurface:
 
     @cached_property
     def _slopes(self) -> Tensor | None:
-        """Slopes of samples in the frame of zeros, which only slices that are not planes need."""
+        """The slopes, padded with zeros to the frame; only slices that are no planes need them."""
         if self._lean is None:
             return None
         framed = self._lean.new_zeros(*self._lean.shape[:-2], *self._framed_box[2:])
@@ -251,7 +260,10 @@ class SlicedSurface:
     def _with_frame(
         self, layer: SampleLayer, positions: Tensor, count: int, sharp: int | None
     ) -> _FramedLayer:
-        """A layer and its positions [..., H, W] in the frame."""
+        """A layer and its positions [..., H, W], padded to the frame.
+
+        `count`: number of slices; `sharp`: the slice in focus, or None.
+        """
         light = self._framed(layer.light_and_coverage)
         framed = self._framed([positions[None]])[0]
         inner = self._unframed(self._own, framed)
@@ -259,7 +271,7 @@ class SlicedSurface:
         return _FramedLayer(light, framed, blocks_of(inner, count, exists, sharp).cpu())
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
-        """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
+        """Channels [n, ..., H, W], concatenated, with edges repeated and zeros around them."""
         pictures, size = channels[0].shape[1:-2], self._framed_box[2:]
         framed = channels[0].new_empty(sum(map(len, channels)), *pictures, *size)
         own = self._own.seen_from(self._framed_box)
@@ -274,11 +286,11 @@ class SlicedSurface:
         return framed
 
     def _unframed(self, box: Box, values: Tensor) -> Tensor:
-        """Crop framed values [..., h, w] to a box that is counted from the first sample."""
+        """Crop padded values [..., h, w] to a box that is relative to the first sample."""
         return box.seen_from(self._framed_box).crop(values)
 
     def members(self, slice_indices: range, box: Box) -> Tensor:
-        """Slices of one layer within a box, [C + 1, k, ..., height, width]."""
+        """Slices of one layer in a box: light and coverage [C + 1, k, ..., height, width]."""
         numbers = self._slice_numbers[slice_indices.start : slice_indices.stop]
 
         first, *others = self._samples
@@ -293,7 +305,7 @@ class SlicedSurface:
         return slices
 
     def fractions(self, slice_indices: range, box: Box) -> Tensor:
-        """The share [h, w] of each pixel in a range of slices."""
+        """The share [h, w] of each pixel in all slices of a range together."""
         positions = self._unframed(box, self._positions)
         return membership(
             positions, self._slice_numbers[slice_indices.start : slice_indices.stop]
@@ -305,20 +317,20 @@ class SlicedSurface:
         return self._shifts is not None
 
     def shifts(self, index: int) -> Tensor:
-        """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]."""
+        """Changes of colour by sub-pixel shifts in tile `index`, for each part: [M, C, h, w]."""
         assert self._shifts is not None
         tile = self._tiles[index].seen_from(self._given)
         return self._shifts.color_change(tile) * tile.crop(self._first.coverage)
 
     def slopes(self, window: Box) -> Tensor:
-        """Slopes [2, height, width] within a window around a tile that has tilted slices."""
+        """Slopes [2, height, width], x and y, in a window around a tile with tilted slices."""
         assert self._slopes is not None
         return self._unframed(window, self._slopes)
 
     def planes(self, slice_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
-        """The slopes of slices within a rectangle; None for a slice of several slopes.
+        """The slope (x, y) of each slice in `box`; None for a slice with several slopes.
 
-        Slopes that need a gradient give None, too. The box is counted from the first sample.
+        It is None, too, for slopes that need a gradient. The box is relative to the first sample.
         """
         return (
             self._planes.slopes(slice_indices, box) if self._planes else [None] * len(slice_indices)
@@ -327,7 +339,11 @@ class SlicedSurface:
     def averaged(
         self, slice_index: int, level: int, coarse: Box, middle: tuple[Axis, Axis], *, tilted: bool
     ) -> Tensor:
-        """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w]."""
+        """A slice averaged to the coarse pixels of `coarse`: [1 or 3, C + 1, h, w].
+
+        Resolution is halved `level` times. If `tilted`, the slice times its slopes x and y follows.
+        `middle`: the middle of the frame, in px.
+        """
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].light
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
@@ -350,7 +366,10 @@ class SlicedSurface:
 
 
 def _bounds(blocks: Tensor, box: Box) -> Box | None:
-    """The rectangle in a box around blocks [k, rows, columns] with any of k slices, or None."""
+    """The rectangle in `box` around the blocks that hold any of k slices; None if none does.
+
+    `blocks`: [k, rows, columns] bool.
+    """
     rows, columns = (slice(max(s.first, 0) // BLOCK, -(-s.end // BLOCK)) for s in box.sides)
     held = blocks[:, rows, columns].any(0)
     down, across = held.any(1).tolist(), held.any(0).tolist()
@@ -367,7 +386,7 @@ def _bounds(blocks: Tensor, box: Box) -> Box | None:
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
-    """The least rectangle around a box whose sides are multiples of `step` from the middle."""
+    """The least rectangle around `box` whose sides are multiples of `step` from the middle."""
     limits = [
         (
             axis.middle + (start - axis.middle) // step * step,

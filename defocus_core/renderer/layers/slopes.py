@@ -1,9 +1,9 @@
 """Slopes: how a part of the aperture sees a surface whose radius or colour changes over pixels.
 
 Lens point u sees pixel q at q + r(q) u. Where the radius changes from pixel to pixel, this map
-stretches or crowds the surface: pixels of it land 1 + u·∇r apart (the determinant of its
-derivative). So a pixel stands for a share 1 + u·∇r of what u sees; without it a tilted surface is
-seen too thin from one side and too thick from the other.
+stretches or compresses the surface: its pixels land 1 + u·∇r apart (the determinant of the
+derivative). So a pixel stands for a share 1 + u·∇r of the light that u sees; without it a tilted
+surface appears too thin from one side and too thick from the other.
 
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
 a part of this shift: kernels sampled by area have no shift within a pixel, and shares in two slices
@@ -36,12 +36,13 @@ AROUND = HALF_WIDTH + 1
 
 
 def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
-    """∇r in px per px, x then y: [2, ..., H, W] of radii [..., H, W]; at most 1 long.
+    """The gradient ∇r of radii in px per px, x then y: [2, ..., H, W], at most 1 long.
 
-    At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
-    some lens points see the back of the surface.
+    At a depth edge it is the slope of the pixel's own surface, to 0.01. Where a slope is longer
+    than 1, some lens points see the back of the surface.
 
-    `signed_radius`: [..., H, W] px. Returns none if all slopes are 0.
+    `signed_radius`: [..., H, W] px; `minimum`: slopes up to this count as 0. Returns None if all
+    slopes are 0.
     """
     x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
     square = torch.addcmul(x * x, y, y)
@@ -77,7 +78,7 @@ def _many_around(mask: Tensor) -> Tensor:
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:
-    """A mean of the differences to both neighbours along `dim`, in which the lesser counts more.
+    """A mean of the differences to both neighbours along `dim`; the smaller one counts more.
 
     The limiter of van Albada et al. (1982), smooth at 0.
     """
@@ -94,7 +95,7 @@ def _weights(steps: Tensor) -> Tensor:
 
 
 def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:
-    """The mean of two steps, each weighted by the other's weight."""
+    """The mean of two steps, each multiplied by the weight of the other step."""
     (a, b), (a2, b2) = steps, weights
     return torch.addcmul(a * b2, b, a2) / (a2 + b2)
 
@@ -111,13 +112,13 @@ SAME = 0.513
 
 @lru_cache(maxsize=64)
 def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
-    """The radii in px of discs whose left halves have the shifts of the sampled slices."""
+    """The radii in px of exact discs whose left halves are shifted as far as the sampled slices."""
     whole = aperture.centroid(half)[0]
     return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
 
 
 class Shifts:
-    """The changes of a surface's colours near focus, for parts of the aperture."""
+    """The change of a surface's colours near focus, for each part of the aperture."""
 
     def __init__(
         self,
@@ -128,7 +129,11 @@ class Shifts:
         aperture: Aperture,
         parts: list[Part],
     ) -> None:
-        """Keep the surface."""
+        """Keep the colours and radii of a surface, and the shifts of its slices.
+
+        `inner`: the rectangle of the surface to whose corner the boxes of `color_change` are
+        relative.
+        """
         self._color, self._radius = color, signed_radius
         self._positions = slice_position(signed_radius, radii)
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape[-2:])
@@ -145,7 +150,7 @@ class Shifts:
         self._centroids = means.view(-1, 2)[:, :dims]
 
     def color_change(self, box: Box) -> Tensor:
-        """The change of the colours of a surface within a rectangle: [M, C, h, w]."""
+        """The change [M, C, h, w] of the colours of the surface within a rectangle."""
         around = box.grown(_BESIDE, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
         color, radius = around.crop(self._color), around.crop(self._radius)
@@ -168,19 +173,19 @@ class Shifts:
 
 
 def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
-    """A tensor [n] of numbers and of tensors of one number, through which gradients flow."""
+    """A tensor [n] made of numbers and one-element tensors, through which gradients flow."""
     return sent(torch.stack([torch.as_tensor(v, dtype=torch.float64) for v in values]), like)
 
 
 def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
-    """A tensor [n, ...] of numbers [n], for broadcasting along the first dimension."""
+    """Numbers [n] as a tensor [n, 1, ...] that broadcasts along the first dimension of `like`."""
     return stacked(values, like).view(-1, *[1] * (like.dim() - 1))
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
-    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
+    """The derivative [C, H, W] of colours along `dim` within the surface of each pixel.
 
-    A step to another surface does not count.
+    It is the mean of the steps on both sides of a pixel; a step to another surface does not count.
     """
     n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
     same = (signed_radius.detach().diff(dim=dim).abs() < SAME).to(color)
