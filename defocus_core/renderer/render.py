@@ -64,9 +64,9 @@ def render(
     continue beyond the frame with the colours and radii of its edge; trust is the share of the
     aperture that saw the frame.
 
-    If gradients are required, each region and its tiles are computed again in the backward pass. This
-    takes 1.5 times as long, but only the memory of the pictures and of one region: 440 MB at 960×540,
-    780 MB at 1080p.
+    If gradients are required, each region and its tiles are computed again in the backward pass.
+    This takes 1.5 times as long, but only the memory of the pictures and of one region: 440 MB at
+    960×540, 780 MB at 1080p.
 
     Args:
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
@@ -183,8 +183,8 @@ def render_layers(
     """Defocus a scene whose surfaces are known behind each other, with their coverage.
 
     In each pixel, layers occlude each other by their radii: the layer of the smaller signed radius
-    is the nearer one, and of equal radii the layer that comes first. Hidden surfaces are invented in
-    two cases only: a single layer is continued behind its own edges as in `render`, within its
+    is the nearer one, and of equal radii the layer that comes first. Hidden surfaces are invented
+    in two cases only: a single layer is continued behind its own edges as in `render`, within its
     silhouette; and if layers cover every pixel completely, gaps that they leave behind edges are
     filled.
 
