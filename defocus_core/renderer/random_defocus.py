@@ -155,18 +155,18 @@ class Lenses(NamedTuple):
         foclen: Focal lengths in mm.
         fnum: F-numbers.
         foc_dist: Distances in focus in mm, inf where all is sky.
-        blades: Blades of the aperture, 0 for a round one.
-        blade_rotation: Angle of a blade's vertex in degrees.
+        blades: Numbers of blades of the aperture, 0 for a round one.
+        blade_rotation: Angle of one vertex of the blades in degrees.
         sensor_width: Widths of the sensor in mm.
-        curvature: Curvatures of the blades, 0 without any.
-        obstruction: Opaque shares of the radius.
-        spherical: Spherical aberrations.
-        squeeze: Squeezes.
+        curvature: Curvatures of the blades, 0 for straight ones.
+        obstruction: Radius of an opaque disc in the middle, in radii of the pupil.
+        spherical: Spherical aberration to first order, see `Aperture`.
+        squeeze: How many times the pupil is taller than wide.
         cat_eye_size: Radii of the rim of the barrel, in radii of the pupil.
         cat_eye_shift: Distance of the rim from the pupil in the corners, in radii of the pupil.
         crosstalk: Shares of the light of a photodiode that go to the other one.
-        electrons: Mean numbers of electrons of a light of 1; inf without noise.
-        read_noise: Standard deviations of the noise of reading, in electrons.
+        electrons: Mean numbers of electrons for a light of 1; inf without noise.
+        read_noise: Standard deviations of the read noise, in electrons.
     """
 
     signed_radius: Tensor
@@ -214,16 +214,16 @@ class RandomDefocus(torch.nn.Module):
             quality: As for `render`.
             depth_repair: As for `render`.
             threads: As for `render`.
-            depth_unit: "mm" or "m", of the depth of pictures; all else is in mm.
-            **options: Of the lens, by the names that `Lenses` explains: each is a number or a
-                `Distribution`, those of `blades` a "choice". `foc_dist` may be drawn in
-                "disparity", or from a "percentile" of the depth that is not sky. Defaults are in
-                `OPTIONS`: focal lengths of 24 to 85 mm, f/1.4 to f/16, 0 to 9 blades, a focus on
-                the depth, and none of the other effects.
+            depth_unit: "mm" or "m", the unit of the depth of pictures; all other lengths are in mm.
+            **options: Options of the lens, with the names of the attributes of `Lenses`. Each is a
+                number or a `Distribution`, which must be a "choice" for `blades`. `foc_dist` may be
+                drawn in "disparity", or from a "percentile" of the depth that is not sky. Defaults
+                are in `OPTIONS`: focal lengths of 24 to 85 mm, f/1.4 to f/16, 0 to 9 blades, a
+                focus on the depth, and none of the other effects.
 
         Raises:
             ValueError: If a distribution or a value is out of its range.
-            TypeError: If there is no option of a name.
+            TypeError: If an option has an unknown name.
         """
         super().__init__()
         if unknown := options.keys() - OPTIONS.keys():
@@ -276,19 +276,20 @@ class RandomDefocus(torch.nn.Module):
         depth: Tensor | None = None,
         seeds: Sequence[int] | Tensor | torch.Generator = (),
     ) -> tuple[ViewTensors, Lenses] | Sample:
-        """Defocus a batch, or a sample of a data set, as a transform.
+        """Defocus a batch of pictures, or one sample of a data set.
 
         Args:
             image: [B, C, H, W], scene-linear. Or a sample: a mapping with ``image`` and ``depth``,
-                tensors, those of torchvision, or arrays, and maybe ``seed``, else of torch's
-                generator.
+                which are tensors, those of torchvision, or arrays, and with ``seed``, which is
+                drawn from torch's generator if it is absent.
             depth: [B, 1, H, W] or [B, H, W], planar depth, > 0, inf for the sky.
             seeds: A whole number for each picture, or a generator to draw them from.
 
         Returns:
-            The views of the pictures, and their lenses. Of a sample, a sample: ``image`` is
-            defocused; ``left`` and ``right`` if wanted, the signed radius as ``coc``, and ``lens``,
-            numbers by name, are added; all else is unchanged.
+            The views of the pictures, and their lenses. For a sample, a sample with ``image``
+            defocused, and with these entries added: ``left`` and ``right``, if wanted; ``coc``, the
+            signed radius; and ``lens``, the options of the lens by name. All other entries are
+            unchanged.
 
         Raises:
             ValueError: If shapes disagree, a depth is NaN or not positive, or no lens drawn for a

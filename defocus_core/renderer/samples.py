@@ -1,7 +1,7 @@
 """Samples of data sets, as transforms pass them on: mappings of pictures, depth, masks and more.
 
-A picture is a tensor [C, H, W], of a class of `torchvision.tv_tensors` or plain, or an array [H, W,
-C] as of albumentations; a map is [1, H, W] or [H, W]. Results are of the same kinds.
+A picture is a tensor [C, H, W], of a class of `torchvision.tv_tensors` or plain, or an array
+[H, W, C] as of albumentations; a map is [1, H, W] or [H, W]. Results are of the same kinds.
 """
 
 from __future__ import annotations

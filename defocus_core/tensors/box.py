@@ -142,9 +142,9 @@ def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
 
 
 def regions(grid: Grid, margin: int) -> list[list[Grid]]:
-    """The tiles of a frame, grouped into rectangular regions of about equal size: rows of regions.
+    """The tiles of a frame, grouped into rows of rectangular regions of about equal size.
 
-    `margin`: distance in px from which light from outside a region is blurred into its tiles.
+    `margin`: greatest distance in px from which light is blurred into a region.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
     minimum = max(grid.region, round(margin / MARGIN))

@@ -211,7 +211,10 @@ def _beside(frame: _LightFrame, row: Tensor, column: Tensor, level: float) -> It
     around, values = reach // block, torch.empty_like(frame.bright)
 
     def summed(given: Tensor) -> Tensor:
-        """The sum of `given` over dark pixels around each coarse pixel [h, w], over block**2."""
+        """The sum of `given` over the dark pixels around each coarse pixel: [h, w].
+
+        It is divided by the area of a coarse pixel.
+        """
         torch.mul(given, dark, out=values)
         sums = avg_pool2d(values[None], block, ceil_mode=True, divisor_override=block**2).double()
         for axis in (0, 1):
@@ -247,7 +250,8 @@ def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
     """Sums over the rims of m blobs: pixels, brightness, weight and weighted light [3 + C, m].
 
     Each is the mean of two sums, over pixels to the left and right of the blob and over pixels
-    above and below it, so that a picture turned by 90 degrees has the same sums.
+    above and below it, so that a picture turned by 90 degrees has the same sums. Pixels of a rim
+    are not brighter than `level`.
     """
     light, bright, (height, width) = frame.light, frame.bright, frame.bright.shape
     runs, number, (row, column, blob), _ = blobs

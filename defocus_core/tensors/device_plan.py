@@ -123,7 +123,7 @@ def repaired(
 ) -> Tensor:
     """The result of `repair` for radii [H, W] px, computed band by band.
 
-    `repair`: function of a window of the radii and of the pictures `others`, each pixel of which
+    `repair`: called with the radii and the pictures `others` in a window; each pixel of its result
     depends on pixels up to `around` px away.
     """
     height, width = signed_radius.shape[-2:]

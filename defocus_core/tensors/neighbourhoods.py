@@ -18,8 +18,8 @@ class Choice(Protocol):
 def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
     """The greatest or least value in the square around each pixel, [..., H, W], without gradient.
 
-    Squares are clipped at the borders. Each round joins adjacent squares, so that 8 px take 3
-    rounds.
+    Squares are clipped at the borders. They grow in rounds, each to at most three times the side,
+    so that 8 px take 3 rounds.
 
     `values`: [..., H, W], numbers or bool; `by`: distance in px from a pixel to the sides of its
     square; `choice`: torch.maximum or torch.minimum.
@@ -89,7 +89,7 @@ HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
-    """The threshold between each near and far radius, just below their mean: the mean is far."""
+    """The threshold between each near and far radius, just below the mean, which counts as far."""
     return near + (far - near) * HALFWAY
 
 

@@ -54,7 +54,7 @@ class AxisHalving(NamedTuple):
 
 
 def halves(length: int, axis: Axis) -> AxisHalving:
-    """The halving of an axis of `length` pixels; `axis` is its middle of the frame."""
+    """The halving of an axis of `length` pixels; `axis`: where the middle of the frame lies."""
     before = axis.middle % 2
     after = (length + before + axis.odd) % 2
     middle = Axis((axis.middle + before) // 2, axis.odd)
@@ -93,7 +93,7 @@ def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
-    """The sum of the pixels of each coarse pixel, along the rows or columns `dim` only."""
+    """The sum of the pixels in each coarse pixel along axis `dim`, which is -2 or -1."""
     even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
     other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
     if not odd:
@@ -107,7 +107,7 @@ def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
 def averaged(
     values: Tensor, level: int, middle: tuple[Axis, Axis]
 ) -> tuple[Tensor, tuple[Axis, Axis]]:
-    """Pictures [N, K, H, W] averaged to coarse pixels [N, K, h, w], and their middle of the frame.
+    """Pictures [N, K, H, W] averaged to [N, K, h, w], and the middle of the frame in the result.
 
     Resolution is halved `level` times; `middle` is the middle of the frame in the given pictures.
     Pixels beyond the frame count as 0.
@@ -125,7 +125,7 @@ def averaged(
 
 
 class AxisWeights(NamedTuple):
-    """The T coarse pixels that each of P pixels along an axis is interpolated from; weights."""
+    """For each of P pixels along an axis, T coarse pixels and their weights in the pixel."""
 
     taps: Tensor  # [T, P] indices of coarse pixels
     share: Tensor  # [T, P]; 0 of coarse pixels that are missing
@@ -155,7 +155,10 @@ def linear_weights(
 
 
 def _taps(first: float, pixels: int, step: float, reach: int) -> tuple[Tensor, Tensor]:
-    """Distances [T, P] of the T = 2 reach nearest coarse pixels from each pixel; their indices."""
+    """Distances [T, P] from each pixel to its T = 2 reach nearest coarse pixels; their indices.
+
+    Other arguments are as for `cubic_weights`.
+    """
     position = torch.arange(pixels, dtype=torch.float64) * step + first
     index = position.floor() + torch.arange(1 - reach, reach + 1)[:, None]
     return (position - index).abs(), index.long()
@@ -199,7 +202,7 @@ def coarse_neighbours(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Indices of the coarse pixels before and after each pixel, and the weight of the one after.
 
-    Pixels are `first` to `end` of an axis of `length` pixels, which is axis `dim` of `coarse`.
+    The pixels are those from `first` to `end` along axis `dim`, which has `length` pixels.
     """
     count = coarse.shape[dim]
     position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5

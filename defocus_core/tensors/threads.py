@@ -38,7 +38,7 @@ def in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Ite
 
 
 def carried(work: Callable[[T], R]) -> Callable[[T], R]:
-    """`work` as a function that runs in the present gradient and inference modes on any thread."""
+    """`work`, wrapped to run in the caller's present gradient and inference modes on any thread."""
     gradient, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def in_modes(piece: T) -> R:
@@ -72,7 +72,7 @@ def graph_break(function: Callable[P, R]) -> Callable[P, R]:
 
 @contextmanager
 def own_modes(device: torch.device | None = None) -> Iterator[None]:
-    """Run without autocast, with the CPU as default device, and with torch in one thread.
+    """Run a block without autocast, with the CPU as default device, and with torch in one thread.
 
     Autocast is off on the CPU and on `device`: it would round to 8 or 11 bits, and only in the
     thread in which it was switched on.
@@ -102,11 +102,11 @@ _THREADS = _Threads()
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Run each torch operation in one thread, then restore the caller's number of threads.
+    """Run each torch operation of a block in one thread; then restore the caller's number.
 
     There are thousands of small operations: threads that share an operation wait for each other, up
     to 18 times as long as it takes. torch keeps a number for each thread, and a number for new
-    threads, which the last context to end restores.
+    threads, which the last block to end restores.
     """
     if _THREADS.alone:
         yield
@@ -127,9 +127,10 @@ def _one_thread() -> Iterator[None]:
 
 
 def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
-    """`work`, which the backward pass computes again; unchanged if gradients are disabled.
+    """`work`, whose tensors are not kept for the backward pass, but computed again by it.
 
-    The backward pass then holds the tensors of one piece of work at a time (Chen et al. 2016).
+    The backward pass then holds the tensors of one piece of work at a time (Chen et al. 2016). If
+    gradients are disabled, it is `work` itself.
     """
     if not torch.is_grad_enabled():
         return work
@@ -155,12 +156,12 @@ def refuse_second_derivatives(gradient: Tensor) -> None:
 
 
 def recorded_for(*given: object) -> AbstractContextManager[None]:
-    """Enable gradients if the caller has them enabled and any of the given objects requires one."""
+    """Enable gradients if the caller has, and a given tensor or option requires a gradient."""
     return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))
 
 
 def requires_grad(given: object) -> bool:
-    """Whether a tensor, or any tensor in a tuple, list or object, requires a gradient."""
+    """Whether a tensor, or one in a sequence or an object's attributes, requires a gradient."""
     if isinstance(given, Tensor):
         return given.requires_grad
     if isinstance(given, tuple | list):

@@ -1,6 +1,6 @@
 """Checks of numbers and tensors that are given as arguments.
 
-`name` is the name of the argument in error messages, `remedy` their advice.
+`name` is the name of the argument in error messages, `remedy` the advice at their end.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def numbers(
 ) -> Tensor:
     """A number or tensor as a floating-point tensor of at least 32 bits.
 
-    A tensor stays on its device; anything else becomes a tensor on `device` of at least `dtype`.
+    A tensor stays on its device; numbers become a tensor on `device`, of `dtype` or float32.
     """
     wide = dtype if dtype.itemsize >= 4 else torch.float32
     try:

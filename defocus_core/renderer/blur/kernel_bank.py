@@ -65,9 +65,9 @@ def kernels(
 ) -> Tensor:
     """Sampled kernels of all parts of the pupil, each centred in a square.
 
-    Returns [K, 1, M, S, S] with S = 2 extent + 1, for each radius and part, with each point of
-    `views` if any. If `leaning`, [K, 3, M, S, S]: kernels, kernels times u.x, and kernels times
-    u.y.
+    Returns [K, 1, M, S, S] for K radii and M parts, with S = 2 extent + 1. If `leaning`, returns
+    [K, 3, M, S, S]: kernels, kernels times u.x, and kernels times u.y. With `views`, the pupils
+    seen from points of the frame, M is the number of parts times the number of points.
     """
     view = Rim.concatenate(views) if views else None
     # a region keeps its own
@@ -84,9 +84,9 @@ def kernels(
 def _kernel(
     radius: float, extent: int, aperture: Aperture, part: Part, view: Rim | None, leaning: bool
 ) -> Tensor:
-    """The kernels [1 or 3, V, S, S] of one part, as in `kernels`; V points of a view, else 1.
+    """The kernels [1 or 3, V, S, S] of one part of the pupil, as described by `kernels`.
 
-    They are cached, as all frames use the same radii.
+    V is the number of points in `view`, or 1. Kernels are cached, as all frames use the same radii.
     """
     with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         r = torch.tensor([radius], dtype=torch.float64, device="cpu")
@@ -181,7 +181,7 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True)
 class TransformWindow:
-    """The Fourier transform that the slices of a layer share, with their kernels."""
+    """The Fourier transform that the slices of a layer share, and their cached kernels."""
 
     margin: int  # greatest reach of the slices in px; 0 if they are not blurred at all
     size: tuple[int, int]  # (height, width) of the transform

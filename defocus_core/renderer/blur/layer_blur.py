@@ -33,7 +33,8 @@ CORNERS = 4
 def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
     """One layer [m, C + 1, h, w], interpolated bilinearly between four blurred versions.
 
-    `layer`: [4 m, C + 1, h, w] in `box`, each part blurred as at each corner of `region`.
+    `layer`: [4 m, C + 1, h, w], each of m parts as blurred at the four corners of `region`; `box`:
+    where the layer lies.
     """
     down, across = (
         ((torch.arange(side.first, side.end).to(layer) + 0.5 - whole.first) / whole.length).clamp(
@@ -63,8 +64,8 @@ class Reduced:
         """Blur the slices of a layer.
 
         `slices`: for each slice of the surface, its number in `window`; `tilted`: the slices with
-        tilted surfaces; `groups`: parts that are computed at once; `core`: the region; `middle`: of
-        the frame.
+        tilted surfaces; `groups`: parts that are computed at once; `core`: the region; `middle`:
+        the middle of the frame.
         """
         self._middle, self._level, margin = middle, window.level, window.margin
         self._read = self._read_by(core)
@@ -86,7 +87,10 @@ class Reduced:
         self._layer = blurred(terms, groups, window.size, shown)
 
     def upsampled(self, box: Box) -> Tensor:
-        """The layer [M, C + 1, h, w] at full resolution in `box`, a rectangle of the samples."""
+        """The layer [M, C + 1, h, w] at full resolution in `box`.
+
+        The box is relative to the first sample of the surface.
+        """
         read = self._read_by(box)
         layer = read.seen_from(self._read).crop(self._layer)
         return resampled(layer, *(self._axis_weights(d, box, read, layer) for d in (0, 1)))
@@ -98,7 +102,7 @@ class Reduced:
         return coarse_read(box, self._middle, coarse, self._level).enlarged(1)
 
     def _axis_weights(self, dim: int, pixels: Box, coarse: Box, like: Tensor) -> AxisWeights:
-        """The weights to interpolate the pixels of `pixels` from the coarse pixels of `coarse`.
+        """The weights to interpolate the pixels of the box `pixels` from those of the box `coarse`.
 
         `dim`: 0 for rows, 1 for columns; `like`: a tensor with the dtype and device of the weights.
         """
@@ -137,8 +141,8 @@ class Blur:
     ) -> None:
         """Plan the blur of a surface for all tiles, and blur its layers of reduced resolution.
 
-        `groups`: parts that are computed at once; `middle`: of the frame; `by_corners`: whether the
-        pupil differs between the corners of the region.
+        `groups`: parts that are computed at once; `middle`: the middle of the frame; `by_corners`:
+        whether the pupil differs between the corners of the region.
         """
         self._by_corners, self._stride, self._grid = by_corners, slicing.stride, grid
         each = CORNERS if by_corners else 1  # each part as the corners see it

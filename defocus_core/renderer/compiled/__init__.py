@@ -1,1 +1,1 @@
-"""The same rendering by compiled loops (Numba), for the CPU and without gradients."""
+"""Rendering by compiled loops (Numba) instead of torch, for the CPU and without gradients."""

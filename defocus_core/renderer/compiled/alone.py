@@ -55,7 +55,7 @@ def _arrays_of(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.float3
 
 
 def _is_supported(surface: Surface, settings: Settings) -> bool:
-    """Whether compiled loops support the examination of a surface's depth."""
+    """Whether compiled loops can examine the depth of a surface, with these settings."""
     asked = surface.matte, settings.edge_width, settings.decided
     is_single = surface.signed_radius.dtype == torch.float32
     return is_single and all(x is None for x in asked) and carries_surface(surface, settings)

@@ -35,7 +35,7 @@ NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
 
 
 class Statistics(NamedTuple):
-    """Statistics of a picture on which its rendering depends, as `engine.frame.Content`."""
+    """Statistics of a picture that its rendering needs; fields are as in `engine.frame.Content`."""
 
     limits: tuple[float, float]  # least and greatest signed radius, px
     edges: bool  # whether surfaces hide others

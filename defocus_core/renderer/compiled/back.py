@@ -62,8 +62,8 @@ def render(
     A view holds the C colours and then the trust.
 
     lights: [1 or 3, C, H, W] to add to the views centre, left and right, or [1 or 3, C, 1, 0] for
-    none; outline: of the lens opening; min_slope: the slope of the radius, px per px, below which a
-    surface counts as level; edges: whether surfaces hide others.
+    none; outline: the outline of the lens opening; min_slope: slope of the radius, px per px, below
+    which a surface counts as level; edges: whether surfaces hide others.
     """
     light, radius = samples.light, samples.radius
     slots = slots_between(samples.range, samples.hidden and samples.hidden.range)

@@ -43,7 +43,10 @@ class BandInputs(NamedTuple):
 
 @compiled
 def _take_all(surfaces, reduced, shares, left, y, room, coarse):
-    """Write row y of all layers to `room.sums`; left: the left half's share of the aperture."""
+    """Write row y of all layers to `room.sums`.
+
+    shares: as in `Opening`; left: the left half's share of the aperture; coarse: [4, W] scratch.
+    """
     take_rows(room, y)
     add_points(surfaces, y, shares, room)
     sums, ends, right = room.sums, room.ends, F32(1 - left)
@@ -119,8 +122,8 @@ def finish_pair(left, right, of_left, of_right, centre, bounds, counted):
 def render_band(given, opening, room, band, out):
     """Render the rows [band[0], band[1]) of a picture into out [views, C + 1, H, W].
 
-    The last channel is the trust. Returns the number of pixels of left and right that were
-    negative.
+    given: `BandInputs`; opening: `Opening`; room: `Room`. The last channel is the trust. Returns
+    the number of pixels of left and right that were negative.
     """
     surfaces, reduced, steps, sides, needed, sight, lights, bounds = given
     width, colors = out.shape[3], out.shape[1] - 1

@@ -23,7 +23,7 @@ _BRIGHT = 0.497  # coverage of the brightest light there is, which is less than 
 
 
 def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int64]:
-    """The compositing steps [n, 2]: kinds of steps, and numbers of slots.
+    """The compositing steps [n, 2], each a kind of step and the number of a slot.
 
     slots: least radius of each visible slot in px, nearest first; octaves: for each octave of
     hidden content, the number of its slot.
@@ -99,7 +99,10 @@ def set_aside(front, covered, before, aside):
 
 @compiled
 def close_gaps(front, aside):
-    """Close gaps in coverage that are so small, beside the coverage set aside, as to be errors."""
+    """Close gaps that are small compared with the coverage set aside: they are numerical errors.
+
+    front, aside: as for `set_aside`.
+    """
     for x in range(front.shape[1]):
         gap = max(F32(1) - front[3, x], F32(0))
         near = aside[3, x] - aside[5, x]
@@ -132,9 +135,9 @@ def put_together(front, aside):
 def composite_row(steps, rows, ends, sides, sight, needed, front, room):
     """Composite a row of all layers, `rows` [slots, 4, W], into `front` [5, W].
 
-    steps: of `order_of`; ends: [2, slots] first and last pixel of each layer that is not 0, or -1;
-    sides: [slots] side of focus of hidden octaves, -1 to 1, and 2 for others; sight: [W] or empty,
-    and needed: [slots], as for `add_behind`; room: [3, 6, W] scratch.
+    steps: from `order_of`; ends: [2, slots] first and last pixel of each layer that is not 0, or
+    -1; sides: [slots] side of focus of hidden octaves, -1 to 1, and 2 for others; sight: [W] or
+    empty, and needed: [slots], as for `add_behind`; room: [3, 6, W] scratch.
     """
     front[:] = 0
     covered, before, aside, whole = room[0, 0], room[0, 1], room[1], room[2]

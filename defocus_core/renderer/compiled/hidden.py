@@ -39,10 +39,12 @@ _STEPS, _NORMAL = np.array(limits.LINE_STEPS), (1 + limits.UNCLEAR**2) ** 0.5 - 
 def cones_at_edges(radius, grain, coarse):
     """The cones of the farther surfaces at depth edges, on coarse pixels.
 
-    Returns two arrays [h, w] that each pack two numbers, and whether there are edges. Lower bits:
-    radius at an edge, in grains. Upper bits: in the first array the height of the highest cone, in
-    grains; in the second array minus the distance in px to the closest edge. grain: px of one
-    grain.
+    Returns two arrays [h, w], each packing two integers per coarse pixel, and whether there are
+    edges. The lower bits hold the radius at an edge, in grains. The upper bits hold the height of
+    the highest cone, in grains, in the first array, and minus the distance in px to the closest
+    edge in the second.
+
+    grain: px of one grain; coarse: `Coarse`.
     """
     (height, width), found, odd, before = radius.shape, False, coarse.odd, coarse.before
     farthest = np.full((coarse.length[1, 0], coarse.length[1, 1]), np.int32(NOWHERE), np.int32)
@@ -72,7 +74,7 @@ def cones_at_edges(radius, grain, coarse):
 
 @compiled
 def _dilate(cones, fall):
-    """Spread cones to all pixels, in place; their upper bits decrease by `fall` at each pixel."""
+    """Spread cones to all pixels, in place; their upper bits decrease by `fall` per pixel."""
     h, w = cones.shape
     lowest = np.int32(NOWHERE)
     for k in range(2 * h):
@@ -89,7 +91,7 @@ def _dilate(cones, fall):
 
 @compiled
 def _least_of(radius, i, j, odd, before):
-    """The least radius among the pixels of coarse pixel (i, j)."""
+    """The least radius among the pixels of coarse pixel (i, j); odd, before: as in `Coarse`."""
     height, width = radius.shape
     top, left = 2 * i - before[1, 0], 2 * j - before[1, 1]
     least = F32(np.inf)
@@ -104,8 +106,8 @@ def read_level(levels, n, y, x, around, border, ceiling):
     """The mean, around (y, x) in px, of surfaces on level `n` with radii from border to ceiling.
 
     around: distance in px of the points on each side that are averaged; 0 for (y, x) alone. Returns
-    three colours, the radius, and three values of the structure tensor, 0 if unknown, all times the
-    weight, and last the weight.
+    three colours, the radius, three values of the structure tensor (0 if unknown), all times the
+    weight, and the weight.
     """
     values, limits = levels.values, levels.limits
     start, height, width = levels.size[n, 0], levels.size[n, 1], levels.size[n, 2]

@@ -101,7 +101,7 @@ def _is_plain(image, channels):
 
 @compiled
 def _is_noisy(radius):
-    """Whether radii [H, W] are noisy: many neighbouring steps go up and down by turns."""
+    """Whether radii [H, W] are noisy: neighbouring steps often have opposite signs."""
     height, width = radius.shape
     together = apart = noisy = 0
     for y in range(1, height - 1):
@@ -175,7 +175,7 @@ def _steepness(radius, y, x):
 
 @compiled
 def _has_no_ramps(radius, steep):
-    """Whether no ramp is several px wide and long, and slopes are few compared with hard edges.
+    """Whether no ramp is several px wide and long, and steep slopes are rare beside hard edges.
 
     steep: slope in px per px from which on pixels belong to a ramp.
     """

@@ -77,7 +77,7 @@ def _side_of(colors, radii, weight, side):
 def _thin_side(square, s, sides, room):
     """Write side `s` (0 is the nearer one) of an edge, where all pixels of this side are mixed.
 
-    Its colour is that of the pixels which differ most from the other side. square: of
+    Its colour is that of the pixels which differ most from the other side. square: from
     `_read_square`; sides: [2, 7]; room: [n] scratch. Returns the total weight of the pixels.
     """
     colors, radii, near, weight, _ = square
@@ -102,7 +102,8 @@ def _thin_side(square, s, sides, room):
 def _coverage(color, own, other, expected):
     """The most probable coverage of a pixel by its own surface, given its colour.
 
-    own, other: sides as of `_side_of`; expected: coverage expected from the depth around the pixel.
+    own, other: sides [7] as `_side_of` writes them; expected: coverage expected from the depth
+    around the pixel.
     """
     evidence = observed = 0.0
     for c in range(3):
@@ -223,8 +224,8 @@ def _find_sides(square, sides, room):
 def split_mixed(picture, light, radii):
     """Split mixed pixels into the surface at the depth of each pixel and a nearer surface.
 
-    picture: colours [3, H, W], their scale, the brightness that a highlight exceeds, and radii [H,
-    W]; light: [2, H, 4 W], the light of the picture and 0, overwritten by the light of both
+    picture: colours [3, H, W], their scale, the brightness that a highlight exceeds, and radii
+    [H, W]; light: [2, H, 4 W], the light of the picture and 0, overwritten by the light of both
     surfaces; radii: [2, H, W] of both surfaces, overwritten. Returns whether any pixel holds a part
     of a nearer surface.
     """

@@ -102,7 +102,7 @@ def left_share(outline: Outline) -> float:
 
 
 def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Where the part of each span [n, rows] that belongs to the left half begins and ends.
+    """Begin and end [n, rows] of the part of each span that belongs to the left half.
 
     spans: [2, n, rows, 2]; side: 0 nearer than focus, 1 beyond it.
     """
@@ -149,7 +149,7 @@ def _corners(outline: Polygon | CurvedPolygon) -> tuple[NDArray[np.float64], NDA
     return x.ravel(), -y.ravel()
 
 
-# Radius in px from which on no lost shifts are made up for: less than 0.03 px is lost there.
+# Radius in px from which on lost shifts are not restored: less than 0.03 px is lost there.
 LOST = 2.25
 
 

@@ -71,7 +71,7 @@ def _sampled(
 
 
 def _of_layers(layers: Sequence[SampleLayer], channels: slice, unit: float) -> Samples:
-    """The surfaces that layers describe, with some of their channels, in units of light."""
+    """Layers as surfaces, with only some of their channels, and with light divided by `unit`."""
     light, radius = _stacked([x for x in layers if x.kind == VISIBLE], channels, unit)
     hidden = None
     if continued := [x for x in layers if x.kind == CONTINUED]:

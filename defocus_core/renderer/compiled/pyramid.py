@@ -62,11 +62,11 @@ def _room(coarse: Coarse, levels: range, count: int) -> Levels:
 
 @compiled
 def fill_levels(light, radius, limit, coarse, half, levels):
-    """Fill levels from a picture, without highlights and without pixels that others cover.
+    """Fill levels from a picture, without highlights and the parts that nearer surfaces cover.
 
-    light: [n, H, 4 W], of the surfaces at the depth of each pixel, then of nearer parts of the same
-    pixels; radius: [H, W] px; limit: brightness that a highlight exceeds; half, levels: of
-    `levels_for`.
+    light: [n, H, 4 W], first of the surfaces at the depth of each pixel, then of nearer parts of
+    the same pixels; radius: [H, W] px; limit: brightness that a highlight exceeds; half, levels:
+    from `levels_for`.
     """
     height, width = radius.shape
     values, limits = np.empty((4 * width, 2, 4), F32), np.empty((4 * width, 2, 3), F32)
@@ -99,8 +99,8 @@ def fill_levels(light, radius, limit, coarse, half, levels):
 def _taps(odd, number):
     """The pixels averaged to coarse pixel k, counted from pixel 2 k, and their shares.
 
-    odd: whether the axis has an odd length; number: of the level. Returns the first pixel, the
-    pixel after the last, and shares.
+    odd: whether the axis has an odd length; number: the number of the level. Returns the first
+    pixel, the pixel after the last, and shares.
     """
     shares = np.empty(4)
     for t in range(4):
@@ -116,7 +116,8 @@ def _make_row(source, i, coarse, number, out, out_limits, at):
     """Compute row `i` of a level: the farthest surface in each coarse pixel, and the next one.
 
     source: values and limits of the finer level, the index at which its row `top` begins, `top`,
-    and its height and width; number: of the level; out, out_limits: written from index `at` on.
+    and its height and width; number: the number of the level; out, out_limits: written from index
+    `at` on.
     """
     values, limits, base, top, height, width = source
     alike, count = F32(ONE_SURFACE * GROWTH ** max(number - 2, 0)), values.shape[2]

@@ -30,7 +30,7 @@ class CoarseLayers(NamedTuple):
 
 @entry
 def spread_reduced(surfaces, opening, room, reduced):
-    """Spread surfaces over their discs, and write the layers of slots with rows in `room`."""
+    """Spread surfaces over their discs, into the slots of `reduced` with rows in `room`."""
     height, width = surfaces.radius.shape[1:]
     values, sums = reduced.values, room.sums
     band = np.int64(0), height  # of the type that other callers give: a literal is compiled anew
@@ -104,7 +104,7 @@ def read_reduced(reduced, slot, y, room, row):
 
 @compiled
 def _read_across(reduced, slot, first, last, out, row):
-    """Interpolate a row of coarse pixels along the row to full resolution, into `out`.
+    """Interpolate a row of coarse pixels horizontally to full resolution, into `out`.
 
     first, last: coarse pixels that are not 0. Returns the first and the last px that are not 0.
     """

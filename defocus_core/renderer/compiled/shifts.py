@@ -25,7 +25,7 @@ _ALONG, _SHIFTS, _TINY = 2 * REACH + 1, 2 * FARTHEST + 1, float(np.finfo(np.floa
 
 @entry
 def may_be_shifted(image, radius, step):
-    """Whether most edges of the radii may be displaced alike from edges of the colours.
+    """Whether most depth edges may be displaced from edges of colour, by the same distance.
 
     image: [3, H, W]; radius: [H, W] px; step: least difference of radii at an edge, in px.
     """
@@ -66,7 +66,7 @@ def may_be_shifted(image, radius, step):
 
 @compiled
 def _is_highest(rise, y, x):
-    """Whether no much higher rise lies near the rise at pixel (y, x)."""
+    """Whether the rise at pixel (y, x) is about as high as the highest rise near it."""
     highest = F32(0)
     for v in range(max(y - FARTHEST, 0), min(y + FARTHEST + 1, rise.shape[0])):
         for u in range(max(x - FARTHEST, 0), min(x + FARTHEST + 1, rise.shape[1])):
@@ -109,8 +109,8 @@ def _compare(colors, counts, likely, costs, told):
     """Write the cost of each displacement of an edge, judged by the colours along its profile.
 
     counts: pixels of the profile on both surfaces; likely: [2, 2 REACH + 1] scratch; costs: [17];
-    told: [2], to which the votes of pixels far from the edge, for the surface that depth gives, are
-    added, and the number of votes.
+    told: [2], sum and number of the votes of pixels far from the edge on whether their colours
+    agree with the depth, to which these votes are added.
     """
     near, far = min(counts[0] / 2, DEEPEST), min(counts[1] / 2, DEEPEST)
     means, moments, deepest = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.empty(2)
@@ -156,7 +156,7 @@ def _compare(colors, counts, likely, costs, told):
 def _find_likelihood(colors, mean, moments, scale, likely):
     """Write the log-likelihood of colours [n, 3] on a surface with a mean and moments of colour.
 
-    mean: [3]; moments: [3, 3] means of products; scale: of the colours; likely: [n].
+    mean: [3]; moments: [3, 3] means of products; scale: by which colours are divided; likely: [n].
     """
     root, z = np.zeros((3, 3)), np.empty(3)
     volume = 0.0

@@ -1,4 +1,4 @@
-"""The farthest slot that the lens sees at each pixel: the farthest one in its surface's disc.
+"""The farthest slot that the lens sees at each pixel: the farthest within the pixel's blur disc.
 
 Hidden surfaces are seen only where the disc of the front surface reaches over an edge; see
 `compositing/sight.py`.
@@ -78,7 +78,7 @@ def _dilate(values, by, square, rows, out):
 def _area_below(areas, y, x):
     """The share of an opening's area above and to the left of lens point (y, x).
 
-    areas: of `areas_below`.
+    areas: the table that `areas_below` returns.
     """
     most = areas.shape[0] - 1
     v, u = (y + 1) * most / 2, (x + 1) * most / 2
@@ -94,6 +94,8 @@ def keep_in_frame(radius, areas, trust):
     """Multiply trust [H, W] by the share of the aperture that sees the surface in the frame.
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
+
+    radius: [H, W] px; areas: the table that `areas_below` returns.
     """
     height, width = radius.shape
     for y in range(height):

@@ -42,15 +42,16 @@ class Slots(NamedTuple):
 
     @property
     def sides(self) -> NDArray[np.int64]:
-        """For each slot, the side of focus of a hidden octave (-1 to 1), or 2 if it is visible."""
+        """For each slot, -1, 0 or 1 as the side of focus of a hidden octave; 2 if it is visible."""
         of_octaves = [(octave > 0) - (octave < 0) for octave in self.octaves]
         return np.array([2] * len(self.least) + of_octaves, np.int64)
 
     @property
     def needed(self) -> NDArray[np.uint8]:
-        """For each slot, the nearest slot that must be the farthest one seen for it to show.
+        """For each slot, the slot up to which the lens must see for it to show.
 
-        A visible slot needs itself, an octave the first visible slot with radii of the octave.
+        For a visible slot it is the slot itself, for an octave the first visible slot with radii of
+        the octave.
         """
         begins = [r if r > 0 else -end for r, end in zip(self.least, self.ends, strict=True)]
         first = []
@@ -114,7 +115,7 @@ def _table(
 
 
 def slots_between(visible: tuple[float, float], hidden: tuple[float, float] | None) -> Slots:
-    """The slots for visible and for hidden surfaces, of which there may be none.
+    """The slots for visible and for hidden surfaces; `hidden` is None if there are none.
 
     visible, hidden: least and greatest signed radius in px.
     """

@@ -58,10 +58,10 @@ class Room(NamedTuple):
 
 
 def room_of(reach: list[int], views: int, width: int) -> Room:
-    """Memory to spread slots in.
+    """Memory in which the light of slots is spread over discs.
 
     reach: for each slot, the number of rows that its discs reach up and down; 0 for slots that are
-    not spread; views: 2 if the left half is needed, else 1; width: in px.
+    not spread; views: 2 if the left half is needed, else 1; width: of a row in px.
     """
     most = max(reach, default=0)
     rows = np.array([most + n + 1 if n else 0 for n in reach], np.int64)
@@ -149,10 +149,10 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
     """Spread one pixel over the rows that its disc reaches.
 
     light: its four channels; moved: what the left half has in addition; lean: its slopes x and y
-    divided by its radius; q: its radius in steps; place: column, row, first row that its disc
-    reaches, row after the last, and side of focus; to: first row of its slot in the ring, number of
-    these rows, views, and pixels in a row; half: area of the disc divided by the area of its left
-    half.
+    divided by its radius; spans: see `Opening`; q: its radius in steps; place: column, row, first
+    row that its disc reaches, row after the last, and side of focus; to: first row of its slot in
+    the ring, number of these rows, views, and pixels in a row; half: area of the disc divided by
+    the area of its left half.
     """
     gx, gy = lean
     column, row, begin, end, side = place
@@ -214,7 +214,7 @@ def _run_of(line, j, n, scale, moves):
 
 @compiled
 def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
-    """Spread n pixels from index `j` of a line on, all of one radius and without slopes across.
+    """Spread n pixels from index `j` of a line on, with one radius and without horizontal slopes.
 
     place: row, first row that the discs reach, row after the last, and side of focus; q: the radius
     in steps; scale: share of the light divided by the area of the disc; half: as for
@@ -251,9 +251,9 @@ def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
 
 @compiled
 def _mark(ring, reached, y, band, before):
-    """Note in the ring which pixels of its rows the slots of a line reach.
+    """Record in the ring which pixels a line reaches, for each slot.
 
-    reached: [slots, 3] first pixel of the line, pixel after the last, and radius in px; reset;
+    reached: [slots, 3] first pixel of the line, pixel after the last, and radius in px; then reset;
     before: pixels of the line before the frame.
     """
     for s in range(reached.shape[0]):

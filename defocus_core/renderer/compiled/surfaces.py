@@ -133,7 +133,7 @@ def _keep_wide_slopes(slope, steep):
 
 @compiled
 def _find_moved(light, radius, lost, moved):
-    """Write the light that the left half gains where its shift is lost: moved [H, 4 W].
+    """Write the light to add to the left half where its shifts are lost: moved [H, 4 W].
 
     lost: [2, n] of `lost_shifts`; coverage stays 0.
     """
@@ -181,7 +181,6 @@ def spread_row(surfaces, y, band, opening, room):
 
 @compiled
 def _clear(sums, slot, first, end):
-    """Set the sums of a slot to 0 at the pixels from `first` to `end` - 1."""
     for view in range(sums.shape[0]):
         for i in range(4):
             for x in range(first, end):
@@ -219,7 +218,7 @@ def halved(surfaces, levels, level, side, coarse, table):
     """Surfaces on one side of focus, averaged to the coarse pixels of `level`.
 
     surfaces: in pixels of the next finer level; levels: for each slot, the level at which it is
-    blurred, of which only `level` and coarser ones are kept; side: whether beyond focus; table: see
+    blurred: slots of finer levels are left out; side: whether beyond focus; table: see
     `_find_slots`. Pixels on the edge of the frame are repeated beyond it.
     """
     h, w = coarse.length[level, 0], coarse.length[level, 1]

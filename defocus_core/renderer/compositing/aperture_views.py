@@ -30,14 +30,14 @@ _MINIMUM = 1e-6
 
 
 def _fraction_hidden(
-    # [M, 1, h, w], coverage of the front before the layer before this one, with which it may share
-    # a surface, and before this one
+    # [M, 1, h, w], coverage of the front before the previous layer, which may be of the same
+    # surface, and before this layer
     before: tuple[Tensor, Tensor],
     front: Tensor,  # [M, C + 1, h, w], the front with what is visible of the layer
     shown: ShownLayer | None,
     behind: ShownLayer,
     full: Tensor | float,
-    room: Tensor,  # [h, w], the share of a gap that is no error
+    room: Tensor,  # [h, w], the share of a gap through which the lens can see
 ) -> Tensor:
     """The share [M, 1, h, w] of the hidden part of a layer that the lens sees.
 

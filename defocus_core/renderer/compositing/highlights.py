@@ -136,9 +136,9 @@ class _Occluders:
         return 1 - covered.clamp(max=1)
 
     def _has_pixels(self, k: int, at: Tensor, away: Sequence[Tensor]) -> Tensor:
-        """Whether slice `k` has pixels in the blocks around each of n lights: [n] bool.
+        """Whether slice `k` may have pixels at given distances from each of n lights: [n] bool.
 
-        `away`: px from the lights to the rows and the columns of interest.
+        `away`: px from the lights, [n, a] to rows and [n, b] to columns.
         """
         ends = []
         for d, (px, length) in enumerate(zip(away, self._size, strict=True)):
@@ -155,7 +155,7 @@ class _Occluders:
     ) -> Tensor:
         """The coverage [n, a, b] by slice `k` at rows [n, a] and columns [n, b] away from lights.
 
-        `limit`: [n], radii that surfaces in front of the lights do not reach.
+        `limit`: [n] px, radius below which surfaces are in front of each light.
         """
         (n, a), b = away[0].shape, away[1].shape[1]
         rows, columns = (
@@ -291,7 +291,8 @@ def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
 def _clear(occluders: _Occluders, at: Tensor, radius: Tensor, corner: Tensor, side: int) -> Tensor:
     """The share [n, side, side] of light in squares of discs that nearer surfaces do not hide.
 
-    `at`, `radius`: of the lights; `corner`: [n, 2] px from lights to first pixels of squares.
+    `at`: [n, 2] rows and columns of the lights; `radius`: [n] px, their radii; `corner`: [n, 2] px
+    from the lights to the first pixels of the squares.
     """
     is_small, clear = radius.detach().abs() < _SMALL, radius.new_ones(len(at), side, side)
     large, small = (torch.nonzero(mask)[:, 0] for mask in (~is_small, is_small))

@@ -48,9 +48,9 @@ def left_and_right(
 def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
     """Count the pixels that are too dark in left or right, which `left_and_right` corrects.
 
-    The image through a half of the aperture overshoots where detail is as fine as a pixel. Values
-    of less than a thousandth of the brightest are not counted. On a GPU the counts are omitted, as
-    each tile would have to wait for its count.
+    The image through a half of the aperture overshoots where detail is as fine as a pixel.
+    Overshoot by less than a thousandth of the brightest value is not counted. On a GPU the counts
+    are omitted, as each tile would have to wait for its count.
 
     `halves`: [2, C, h, w], left and right as composited.
     """

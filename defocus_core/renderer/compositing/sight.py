@@ -45,10 +45,10 @@ class SightLimits(NamedTuple):
     def from_radius(
         cls, radius: Tensor, positions: Tensor, layer_of: list[int], octaves: list[int]
     ) -> SightLimits:
-        """The limits of a picture.
+        """How far the lens sees at each pixel of a picture.
 
-        `radius`: [..., h, w] px, signed; `positions`: [..., h, w], fractional indices among slice
-        radii.
+        `radius`: [..., h, w] px, signed; `positions`: [..., h, w], fractional slice indices;
+        `layer_of`, `octaves`: for each slice the number of its layer and its octave.
         """
         small = torch.uint8 if len(layer_of) <= torch.iinfo(torch.uint8).max else torch.int16
         slices = positions.detach().ceil().to(small)
@@ -173,7 +173,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
 
 
 def _spread(reach: Tensor) -> Tensor:
-    """The maximum over all pixels of their reach less the distance to them: [h, w] px."""
+    """The maximum over all pixels of their reach less their distance, at each pixel [h, w]."""
     for step in range(math.ceil(float(reach.detach().amax())) - 1):
         beside = reach[None, None]
         if step % 2:  # squares and crosses in turn: an octagon is nearly a circle
@@ -246,7 +246,7 @@ def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
 
 @lru_cache(maxsize=256)
 def _summed_area(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
-    """The share [y, x] of a part of the pupil whose lens points have both coordinates below u.
+    """The share [y, x] of a part of the pupil with coordinates below u.y and below u.x.
 
     u.y and u.x are evenly spaced from -1 to 1.
     """

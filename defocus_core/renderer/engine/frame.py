@@ -182,7 +182,7 @@ class SharedFrame:
 
     @property
     def copies_in_focus(self) -> bool:
-        """Whether pixels in focus are copied, which an exact number of slices does not allow."""
+        """Whether pixels in focus are copied, unless an exact number of slices is asked for."""
         return self.settings.num_layers is None
 
     @property

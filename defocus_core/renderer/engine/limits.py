@@ -10,17 +10,17 @@ BRIGHTER, ORDINARY = 2.0, 0.995
 # Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
 # float32 is too coarse.
 RANGE, SQUARED = 1e3, 1e15
-# Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off;
-# ratio of the sizes of discs that are told apart, from those of whole px on.
+# Px by which the disc that a pixel may see is enlarged: edges lie between pixels, some half a pixel
+# off. Ratio between the sizes of discs that are told apart, where that is more than 1 px.
 SEEN_AROUND, SEEN_RATIO = 0.7, 1.1
 # Squares and crosses, in turn, whose sum is nearly a disc; True for squares. Apothem of the
 # octagon, as a share of the radius of the disc.
 SQUARES, APOTHEM = (True, False, False, True, False), 0.97
-# Least share of the frame that is seen: a disc much larger than it would divide by nearly 0.
+# Least share of the aperture that sees the frame, so that much larger discs do not divide by 0.
 IN_FRAME = 0.01
-# Share of the aperture that is too small to see anything through. Gap beside what a near surface
-# covers, as a share of this, that is an error of what it hides, and the least one, whose square is
-# a number of float32, too.
+# Share of the aperture that is too small to see anything through. Gap in a hidden surface that is
+# an error, as a share of the coverage of the near surface; and the least gap, whose square float32
+# can hold.
 MIN_ROOM, GAP_ERROR, LEAST_ERROR = 1e-4, 0.2, 1e-12
 # Share of its range by which detail as fine as a pixel may overshoot in a half of the lens; share
 # of the least and the greatest value by which rounding may exceed them, for bounding more would

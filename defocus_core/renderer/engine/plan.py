@@ -150,7 +150,7 @@ class _Resolution(NamedTuple):
 
 
 def computed_in(pixels: Tensor, signed_radius: Tensor) -> torch.dtype:
-    """The dtype to compute in where float32 is precise enough: of the inputs, at least float32."""
+    """The dtype to compute in, unless float64 is needed: that of the inputs, at least float32."""
     given = torch.promote_types(pixels.dtype, signed_radius.dtype)
     return torch.promote_types(given, torch.float32)
 

@@ -181,7 +181,7 @@ def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
 
 
 def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
-    """Yield the rows of regions of a picture."""
+    """Yield the regions of a picture row by row, each row as a list."""
     row: list[ViewTensors] = []
     for part in parts:
         if row and part.box.left == 0:

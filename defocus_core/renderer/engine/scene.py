@@ -89,8 +89,8 @@ def scene_of_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> 
 def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
     """The scene of a surface and the known layer behind it.
 
-    Its radii are final: they are not repaired any more. Returns the surface itself if the layer
-    lies nowhere behind it.
+    The radii of the surface are final and not repaired again. Returns the surface itself if the
+    layer lies nowhere behind it.
     """
     if hidden is None:
         return surface
@@ -105,7 +105,7 @@ def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
 
 
 def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
-    """The layers of an element and its plate, of which the element is the first.
+    """The scene of an element, which is the first layer, and of the plate below it.
 
     The element is continued behind its own nearer parts. `colors`: [L, C, H, W], premultiplied;
     `signed_radius`, `coverage`: [L, H, W].
@@ -206,7 +206,6 @@ def _chosen(picture: Tensor, channels: Sequence[int]) -> Tensor:
 
 
 def _plus(radii: Tensor, px: Scalar) -> Tensor:
-    """Radii with `px` added; the same tensor if that is 0."""
     return radii if not isinstance(px, Tensor) and px == 0 else radii + px
 
 

@@ -94,7 +94,7 @@ def transported(
 
 
 def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """The direction [n, 2] (y, x) in which colours change least, and its coherence [n]."""
+    """The direction [n, 2] (y, x) in which colours change least, and its coherence [n], 0 to 1."""
     xx, xy, yy = tensor.unbind(1)
     flat = NO_SLOPE**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
     trace = xx + yy + flat

@@ -63,7 +63,7 @@ class Revealed(NamedTuple):
 class Reach(NamedTuple):
     """How far behind depth edges farther surfaces are seen, on coarse pixels of half resolution.
 
-    Radii are integers, in grains.
+    Radii are integers, in units of `grain` px.
     """
 
     # [h, w], the greatest cone in the upper bits, and the radius of its edge in the lower ones
@@ -102,7 +102,7 @@ class Reach(NamedTuple):
     def _read(
         self, edges: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper bits (cones or distances) and the lower bits (radii) of `edges`.
+        """The upper bits of `edges` (heights of cones, or distances) and the lower bits (radii).
 
         Both are given at each coarse pixel of the box `coarse`, as integers.
         """
@@ -132,7 +132,8 @@ def grain_of(minimum: float, maximum: float) -> float:
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
     """The cones [h, w] int32 of the farther pixels at edges before dilation, at half resolution.
 
-    `r`: radii [H, W] px; `farther`: flat indices of the farther pixels; `middle`: of the frame.
+    `r`: radii [H, W] px; `farther`: flat indices of the farther pixels; `middle`: the middle of the
+    frame.
     """
     grains = r.flatten()[farther].clamp(-MAXIMUM, MAXIMUM) / grain
     radii = (grains + BETWEEN).round().to(torch.int32)

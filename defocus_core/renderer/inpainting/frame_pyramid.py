@@ -83,7 +83,6 @@ def backdrop_of(
 
 
 def _limits_of(signed_radius: Tensor) -> tuple[float, float]:
-    """The least and the greatest radius in px."""
     minimum, maximum = range_of(signed_radius.detach()).tolist()
     return minimum, maximum
 

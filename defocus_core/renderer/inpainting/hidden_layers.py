@@ -1,12 +1,12 @@
 """Hidden layers: surfaces behind depth edges that the aperture sees and the pinhole does not.
 
-Neighbouring pixels whose radii differ by more than one px have a depth edge between them: with |∇r|
-< 1 the map from the picture of a lens point to that of the pinhole is one to one; beyond that, one
-surface hides another. The whole aperture sees the farther surface up to r_far - r_near px behind
-the edge. There the colour and radius of farther surfaces are continued, from the closest pixels and
-along lines. There is one hidden layer: where two wires cross before a wall, the surface continued
-behind the nearer wire is the other wire or the wall, whichever is sharper. A known layer replaces
-the invented one.
+Neighbouring pixels whose radii differ by more than one px have a depth edge between them: with
+|∇r| < 1 the map from the picture of a lens point to that of the pinhole is one to one; beyond that,
+one surface hides another. The whole aperture sees the farther surface up to r_far - r_near px
+behind the edge. There the colour and radius of farther surfaces are continued, from the closest
+pixels and along lines. There is one hidden layer: where two wires cross before a wall, the surface
+continued behind the nearer wire is the other wire or the wall, whichever is sharper. A known layer
+replaces the invented one.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class CoarseGrid(NamedTuple):
 def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
     """The greatest value of the coarse pixels that contain each pixel [..., H, W].
 
-    `values`: [..., h, w] at half resolution; `size`: (height, width) in px; `middle`: of the frame.
+    `values`: [..., h, w] at half resolution; `size`: (height, width) in px; `middle`: the middle of
+    the frame.
     """
     down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
     wide = spread_out(values, (down.axis.odd, across.axis.odd))
@@ -94,6 +95,7 @@ def hidden_layer(
 ) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, where the aperture sees them.
 
+    `box`: where the picture lies in the frame; `level`: 1 to continue at half the resolution.
     Returns the layer within `wanted`, or None if nothing is hidden there.
     """
     H, W = signed_radius.shape[-2:]
@@ -144,8 +146,8 @@ def hidden_layer(
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around hidden pixels, from a quarter of the resolution and coarser.
 
-    Weight missing at a level is taken from the next coarser one. Returns colour and radius [n, C +
-    1] times weights, structure tensors [n, 3], and weights [n].
+    Weight missing at a level is taken from the next coarser one. Returns colour and radius
+    [n, C + 1] times weights, structure tensors [n, 3], and weights [n].
     """
     first, *rest = backdrop.tables
     found, weights = nearby(first, asked)
@@ -180,9 +182,10 @@ def _filled(
 def _with_adjacent_surface(
     values: Tensor, weight: Tensor, backdrop: Backdrop, asked: HiddenQueries, level: int
 ) -> tuple[Tensor, Tensor]:
-    """Values and weights of the surface next to each pixel at half resolution, with given ones.
+    """Values and weights of hidden pixels at half resolution, completed by the given ones.
 
-    The given `values` and `weight`, of coarser levels, complete those of half resolution.
+    The surface next to a pixel at half resolution comes first; `values` and `weight`, of coarser
+    levels, add what is missing.
     """
     found, fractions = nearby(backdrop.adjacent, asked, 0.5 if level else 0.0)
     fraction = fractions[0]

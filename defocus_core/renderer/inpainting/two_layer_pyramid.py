@@ -198,8 +198,8 @@ def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tu
     """The mean of the surfaces around each pixel at each level, weighted by distance.
 
     Only surfaces whose radius lies between the pixel's border and ceiling count. `around`: px from
-    the pixel to two places on both sides, in rows and in columns, which are averaged. Returns [L,
-    n, K] values times weights, and [L, n] weights.
+    the pixel to two places on both sides, in rows and in columns, which are averaged. Returns
+    [L, n, K] values times weights, and [L, n] weights.
     """
     count = pieces(asked.at.device, _BYTES_OF_QUERY * len(table.origin))
     if len(asked.at) <= count:

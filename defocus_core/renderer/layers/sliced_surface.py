@@ -386,7 +386,7 @@ def _bounds(blocks: Tensor, box: Box) -> Box | None:
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
-    """The least rectangle around `box` whose sides are multiples of `step` from the middle."""
+    """The least rectangle around `box` whose sides lie multiples of `step` px from the middle."""
     limits = [
         (
             axis.middle + (start - axis.middle) // step * step,
