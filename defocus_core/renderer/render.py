@@ -79,8 +79,8 @@ def render(
         hidden: The surface behind the visible one, where it is known: of the shapes of image and
             radius. Elsewhere it is continued from farther surfaces.
         matte: [B, 1, H, W], [B, H, W] or [H, W] in [0, 1], the coverage of a subject, for example
-            of a segmentation. Its silhouette is taken for the depth edge, and its coverage there
-            instead of an estimate.
+            from a segmentation. The depth edge is put at its silhouette, and coverage there is
+            not estimated.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, 16 at least; another side changes results in the last digits.

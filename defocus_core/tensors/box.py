@@ -81,9 +81,9 @@ class Span(NamedTuple):
         return Span(self.first - by, self.end + by)
 
 
-# Side in px of a tile, where none is given: what is far from a tile is not blurred over it.
+# Default side of a tile in px: pixels far from a tile are not blurred over it.
 TILE = 128
-# Side in px up to which a frame is one tile: several would read more light from around.
+# Greatest side in px of a frame that is a single tile: more tiles would read more surroundings.
 _ALONE = 128
 # Width in px of the blocks in which the presence of slices is recorded.
 BLOCK = MIN_TILE

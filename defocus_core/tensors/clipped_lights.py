@@ -30,20 +30,21 @@ from torch.nn.functional import avg_pool2d, pad
 from defocus_core.allowed_values import AUTO_LIGHTS
 from defocus_core.tensors.validation import Scalar, number, whole
 
-# Sides of blobs (roots of their areas) up to which a blob is a light, and from which on a surface,
-# relative to the root of the area of the frame, for coloured and for white blobs; then the same in
-# px, as minima in small frames.
+# Pairs of limits: up to the first a blob is a light, above the second a surface; between them the
+# decision is gradual. Here they limit the side of a blob (the root of its area) relative to the
+# root of the area of the frame, for coloured and for white blobs; then in px, as minima in small
+# frames.
 _COLORED, _WHITE, _MIN_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
-# The least channel, as a share of white, up to which a pixel is coloured, and from which on white;
-# and the share of white pixels up to which a blob is coloured, and from which on white.
+# Limits of the least channel, as a share of white, between coloured and white pixels; and of the
+# share of white pixels, between coloured and white blobs.
 _HUE, _BLEACHED = (0.6, 0.9), (0.05, 0.25)
-# Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
-# which on a part of a surface, for coloured and for white blobs. Reach of the surroundings to each
-# side as a share of the longer side, and in px at least.
+# Limits of the brightness of the surroundings, as a share of the blob's, between lights and parts
+# of surfaces, for coloured and for white blobs. Reach of the surroundings to each side, as a share
+# of the longer side of the frame, and its least value in px.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.45, 0.75)
 _AROUND, _MIN_AROUND = 0.012, 4
-# Radius up to which a blob is as good as sharp, as a share of the largest, with its bounds in px;
-# and its multiple from which on a blob gets all of its light.
+# Radius up to which a blob counts as sharp, as a share of the largest, with its bounds in px; and
+# the multiple of it above which a blob gets all of its light.
 _SHARP, _SHARP_PX, _BLURRED = 0.2, (1.0, 3.0), 3
 # Levels of brightness at which blobs are found, more closely spaced near white.
 _LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
@@ -53,9 +54,10 @@ _COARSE = 6
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
 _COUNTED = 0.05
-# Reach of the rim from a blob as a share of the longer side, and in px at least. Light of the rim,
-# as a share of white above the surroundings, up to which its hue has no weight, and from which on
-# full weight; the same for the difference of its brightest and its least channel.
+# Reach of the rim from a blob, as a share of the longer side of the frame, and its least value in
+# px. Limits between which the weight of the rim's hue rises from none to full: of the light of the
+# rim above the surroundings, as a share of white, and of the difference of its greatest and least
+# channel.
 _RIM, _MIN_RIM, _SAYS_HUE, _SATURATED = 0.003, 2, (0.2, 0.4), (0.15, 0.3)
 _TINY = 1e-6
 _WIDEST = 1e6  # px, where no blur is given

@@ -161,7 +161,10 @@ def recorded_for(*given: object) -> AbstractContextManager[None]:
 
 
 def requires_grad(given: object) -> bool:
-    """Whether a tensor, or one in a sequence or an object's attributes, requires a gradient."""
+    """Whether a tensor requires a gradient.
+
+    For a tuple, a list or another object: whether any tensor in it or in its attributes does.
+    """
     if isinstance(given, Tensor):
         return given.requires_grad
     if isinstance(given, tuple | list):

@@ -11,8 +11,8 @@ import math
 
 from defocus_core.tensors.later import Tensor, torch
 
-# Values of order 1 tie if they differ by at most so many roundings, or by so much in any precision,
-# as after a few sums.
+# Values of order 1 are equal if they differ by at most _ROUNDINGS units of rounding, or by _LEAST
+# in any precision, as after a few sums.
 _ROUNDINGS, _LEAST = 8, 2e-14
 
 

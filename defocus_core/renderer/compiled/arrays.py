@@ -27,10 +27,10 @@ from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.settings import Settings
 
-# Radius in px at the border up to which any frame is continued as far as light reaches; with
-# others it is continued by its side. Light reaches at most this multiple of its radius plus px.
+# Greatest radius in px at the border for which any frame is continued by the reach of light; for
+# others it is continued by its side. Light reaches at most _REACH times its radius plus _MORE px.
 _WIDEST, _REACH, _MORE = 40.0, 2.05, 8.0
-_MANY = 1 << 22  # numbers from which on it matters that few pages are touched
+_MANY = 1 << 22  # size of arrays, in numbers, above which small pages save memory
 NO_LIGHTS = np.zeros((3, CHANNELS, 1, 0), np.float32)
 
 

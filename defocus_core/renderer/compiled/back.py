@@ -36,7 +36,7 @@ class Samples(NamedTuple):
     light: NDArray[np.float32]
     radius: NDArray[np.float32]  # [1 or 2, H, W] signed, px
     range: tuple[float, float]  # least and greatest radius
-    hidden: HiddenSamples | None = None  # what is continued behind edges
+    hidden: HiddenSamples | None = None  # surfaces continued behind edges
 
 
 class HiddenSamples(NamedTuple):

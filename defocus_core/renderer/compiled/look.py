@@ -177,7 +177,7 @@ def _steepness(radius, y, x):
 def _has_no_ramps(radius, steep):
     """Whether no ramp is several px wide and long, and steep slopes are rare beside hard edges.
 
-    steep: slope in px per px from which on pixels belong to a ramp.
+    steep: slope in px per px above which pixels belong to a ramp.
     """
     height, width = radius.shape
     few = hard = 0

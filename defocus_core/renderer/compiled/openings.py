@@ -13,7 +13,7 @@ from defocus_core.optics.outline import CurvedPolygon, Disc, Outline, Polygon, S
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.ties import off_round
 
-# Radii are rounded to 1 / STEPS px, up from this fraction of a step on: a little more than half,
+# Radii are rounded to 1 / STEPS px, upwards above this fraction of a step: a little more than half,
 # which no round number has, so that the last bit of a radius does not change the picture.
 STEPS, HALF = 16, off_round(0.5)
 # Radii in px of the discs near focus: a pixel between two is a mean of both that keeps the second
@@ -149,7 +149,7 @@ def _corners(outline: Polygon | CurvedPolygon) -> tuple[NDArray[np.float64], NDA
     return x.ravel(), -y.ravel()
 
 
-# Radius in px from which on lost shifts are not restored: less than 0.03 px is lost there.
+# Radius in px above which lost shifts are not restored: less than 0.03 px is lost there.
 LOST = 2.25
 
 

@@ -71,7 +71,7 @@ def fill_levels(light, radius, limit, coarse, half, levels):
     height, width = radius.shape
     values, limits = np.empty((4 * width, 2, 4), F32), np.empty((4 * width, 2, 3), F32)
     h, w = half.size[0, 1], half.size[0, 2]
-    none, one = np.int64(0), np.int64(1)  # for literals what is called would be compiled, too
+    none, one = np.int64(0), np.int64(1)  # called functions would be compiled anew for literals
     for i in range(h):
         top = 2 * i - 1 - coarse.before[1, 0]
         for y in range(max(top, 0), min(top + 4, height)):
@@ -132,7 +132,7 @@ def _make_row(source, i, coarse, number, out, out_limits, at):
             limit = farthest - alike if s else F32(0)
             least, most, total = F32(np.inf), F32(-np.inf), 0.0
             mean[:] = 0
-            # the top of those that are left, then the sum of those near it
+            # the greatest radius of the remaining surfaces, then the sum of surfaces near it
             for step in range(2):
                 for a in range(a0, a1):
                     for b in range(b0, b1):

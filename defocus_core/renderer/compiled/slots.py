@@ -20,7 +20,7 @@ from defocus_core.tensors.ties import off_round
 
 # Distance in px of the radii of layers near focus.
 _DISTANCE = 0.75
-# Radius in px at which the first octave of what is hidden begins.
+# Radius in px at which the first octave of hidden surfaces begins.
 _OCTAVE = off_round(ALONE)
 # Greatest ratio of radii within a wider one: radii have one layer here, and no shares in two.
 _RATIO = 1.4

@@ -298,7 +298,7 @@ def spread_line(line, y, band, opening, ring):
     spans, area, left_area, shares = opening.spans, opening.area, opening.left_area, opening.share
     pixels, starts, rows, reached = ring.pixels, ring.start, ring.rows, ring.reached
     before, reach, views, width = line.before, opening.reach, ring.views, ring.width
-    # not 0 itself: what is called would be compiled for a literal, too
+    # not a literal 0, for which called functions would be compiled anew
     x, count, most = np.int64(0), radius.shape[0], area.shape[0] - 1
     while x < count:
         slot = slots[x]

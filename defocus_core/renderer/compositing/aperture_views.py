@@ -2,13 +2,15 @@
 
 Known surfaces follow three laws. First, slices of a layer, and visible samples of neighbouring
 layers, add up (a saturating sum), because parts of one continuous surface are complementary.
+
 Second, samples of one pixel occlude each other by their coverage (`over`), as they are
-uncorrelated: the visible share of a sample is what nearer samples leave. Third, surfaces out of
-focus cover each other by chance: behind a front of coverage A the lens sees the share 1 - A of a
-layer. Where this exceeds the visible share of the layer, the lens looks past the samples that hide
-the layer from the pinhole, and the hidden share of the layer adds the difference. In focus, where
-the coverages are those of the pixel, the difference is 0. Nothing is seen behind opaque samples
-unless one of their edges is in reach (`Openings`).
+uncorrelated: the visible share of a sample is the share that nearer samples do not cover.
+
+Third, surfaces out of focus cover each other by chance: behind a front of coverage A the lens sees
+the share 1 - A of a layer. Where this exceeds the visible share of the layer, the lens looks past
+the samples that hide the layer from the pinhole, and sees a part of its hidden share, too. In
+focus, where A is the coverage of the pixel itself, both shares are equal. Nothing is seen behind
+opaque samples unless one of their edges is in reach (`Openings`).
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ def _fraction_hidden(
     # [M, 1, h, w], coverage of the front before the previous layer, which may be of the same
     # surface, and before this layer
     before: tuple[Tensor, Tensor],
-    front: Tensor,  # [M, C + 1, h, w], the front with what is visible of the layer
+    front: Tensor,  # [M, C + 1, h, w], the front with the visible part of the layer
     shown: ShownLayer | None,
     behind: ShownLayer,
     full: Tensor | float,
@@ -93,7 +95,7 @@ class TileCompositor:
         self.sight = sight
         self._full, self._closed = full, closed
         self._covered: dict[int, Tensor] = {}  # before each layer
-        self._hidden: list[tuple[Tensor, Tensor]] = []  # what is not seen, and the room for it
+        self._hidden: list[tuple[Tensor, Tensor]] = []  # parts not seen, and the room for them
         self._reserved: Tensor | None = None
 
     def add(self, number: int, shown: ShownLayer | None, behind: ShownLayer | None) -> None:

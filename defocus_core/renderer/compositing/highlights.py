@@ -51,7 +51,7 @@ def reached_by(farthest: int) -> int:
 def split(
     layers: Sequence[SampleLayer], channels: int, limit: float
 ) -> tuple[Sequence[SampleLayer], list[Highlights]]:
-    """Layers with only ordinary light in the pixels of highlights, and the highlights.
+    """Layers in which highlights are dimmed to ordinary light, and the highlights themselves.
 
     `channels`: number of colour channels; highlights have only these, and alpha is unchanged;
     `limit`: brightness above which a pixel is a highlight.

@@ -49,7 +49,7 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     greater = torch.maximum(coverage, left)
     if not torch.is_grad_enabled():
         return added / greater
-    # full coverage and what is left tie but for rounding, and share the gradient
+    # coverage equal to the room left, except for rounding, shares the gradient with it
     mean = with_gradient(greater, (coverage + left) / 2)
     fraction = added / torch.where(tied(coverage, left), mean, greater)
     certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps

@@ -39,7 +39,7 @@ class SightLimits(NamedTuple):
 
     farthest: Tensor  # [..., h, w], the number of the farthest slice that is seen
     layer_of: list[int]  # for each slice the number of its layer, ascending
-    octaves: list[int]  # for each slice the octave of what is hidden, ascending
+    octaves: list[int]  # for each slice the octave of hidden surfaces, ascending
 
     @classmethod
     def from_radius(
@@ -59,11 +59,11 @@ class SightLimits(NamedTuple):
         return self._replace(farthest=box.crop(self.farthest))
 
     def to_layer(self, layer_index: int) -> Tensor:
-        """Whether the lens sees as far as a layer: [..., h, w] bool."""
+        """Whether the lens sees past nearer surfaces to a layer: [..., h, w] bool."""
         return self.farthest >= bisect_left(self.layer_of, layer_index)
 
     def to_octave(self, octave: int) -> Tensor:
-        """Whether the lens sees as far as the hidden surfaces of an octave: [..., h, w] bool."""
+        """Whether the lens sees past nearer surfaces to a hidden octave: [..., h, w] bool."""
         return self.farthest >= bisect_left(self.octaves, octave)
 
 

@@ -35,7 +35,7 @@ NEIGHBOURHOOD = 24
 class Content(NamedTuple):
     """Properties of the whole picture that decide how it is rendered."""
 
-    limits: tuple[float, float]  # least and greatest signed radius in px of what is visible
+    limits: tuple[float, float]  # least and greatest signed radius of visible surfaces, in px
     edges: bool  # whether surfaces hide others
     tilted: bool  # whether surfaces may be tilted
     minimum: float  # least light, 0 unless pixels are negative (colours outside the gamut)

@@ -126,7 +126,7 @@ def _whole(octaves: dict[int, Tensor]) -> Tensor:
 def composite(
     compositor: TileCompositor,
     surfaces: dict[str, dict[int, ShownLayer]],  # the layers of each kind by their numbers
-    hidden: dict[int, Tensor],  # the octaves of what is continued
+    hidden: dict[int, Tensor],  # the octaves of the continued surface
     order: CompositeOrder,
 ) -> None:
     """Composite all surfaces over a tile, in order.

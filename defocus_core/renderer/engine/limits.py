@@ -32,7 +32,7 @@ OVERSHOOT, SLACK, NEGLIGIBLE = 0.1, 9e-5, 1e-3
 ONE_SURFACE, GROWTH, WIDER = 1.013, 1.5, 1.99
 # Greatest difference in px between the radii of neighbours at half resolution on one surface.
 SAME_AT_HALF = 1.013
-# Share of a pixel below which what is left of its far surface is rounding; least weight that
+# Share of a pixel below which the remainder of its far surface is rounding; least weight that
 # counts: it guards 0 / 0.
 ROUNDED, LEAST_WEIGHT = 1.013e-3, 1e-30
 # Resolutions, a quarter and less, that decide the direction of lines together.
@@ -49,6 +49,6 @@ NO_SLOPE, UNCLEAR = 1e-3, 0.05
 # border just above the near radius its far end would count as the hidden surface.
 BORDER = 0.377
 # Distance from the edge in px up to which lines are continued; weight of a surface next to a hidden
-# pixel, compared with the same surface in a wider surrounding; and weight from which on a pixel
+# pixel, compared with the same surface in a wider surrounding; and weight at which a pixel
 # takes nothing from coarser levels.
 LINES, NEXT, ENOUGH = 20.1, 4.0, 0.5

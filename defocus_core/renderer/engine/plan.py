@@ -37,8 +37,8 @@ from defocus_core.renderer.layers.slice_radii import (
 from defocus_core.tensors.box import BLOCK, Grid, few_tiles, grid_over, largest, regions
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
 
-# The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
-# side of the frame.
+# The scene is continued beyond the frame by the reach of its light, but by no more px than this or
+# the side of the frame.
 _BEYOND = 64
 _ANY_PX = 1 << 30  # no picture is larger
 # Pictures that a region holds for all of its tiles.
@@ -187,7 +187,7 @@ def _inwards(
     border: tuple[float, float],
     radii: tuple[float, ...],
     quality: Quality,
-    hidden: tuple[int, int] | None,  # halvings and stride of what is invented; None if nothing is
+    hidden: tuple[int, int] | None,  # halvings and stride of invented surfaces; None without any
 ) -> int:
     """The greatest distance in px that light from beyond the frame reaches into it.
 

@@ -76,7 +76,7 @@ class Region:
         self._continued = Filling(place, continued[0]) if continued else None
         division = frame.division
         centre = division.parts[division.centre]
-        # Shares of the parts of the aperture that look into the frame, and as far as it goes on
+        # Shares of the aperture parts that see the frame, and the scene that continues it
         self._in_frame = fractions_seen(place, seen, frame.box, centre)
         self._in_scene: Tensor | float = 1.0
         if frame.cut:

@@ -18,7 +18,7 @@ from defocus_core.renderer.layers.layer import layers_of as of_picture
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.validation import Scalar, backward_only, described
 
-# Difference of a picture from what is known, as a share of it, up to which it may be rounding.
+# Difference of a picture from a known layer, as a share of it, up to which it may be rounding.
 _ROUNDING = 1e-3
 _DECODE = "decode integers to linear light first"
 
@@ -145,7 +145,7 @@ def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tenso
     share = torch.where(bare | (nearer.coverage[0] == 0), 0.0, share)
     is_mixed, is_open = share > 0, cover < 1
     rest = image - (1 - share) * color
-    same = same & (rest >= 0).all(0)  # else what is known is of other light than the picture
+    same = same & (rest >= 0).all(0)  # else the known layer is lit differently
     shown = torch.where(is_mixed, torch.where(same, color, own.color), image)
     return _stacked(
         [

@@ -33,8 +33,8 @@ class Quality:
     hidden_stride: int  # hidden content uses every slice (1) or every other (2)
     hidden_level: int  # how many times the resolution of hidden content is halved
     min_slope: float  # slopes of the radius in px per px below which a surface counts as not tilted
-    # Radius in px from which on slices are blurred at half resolution; from twice this radius
-    # at a quarter, and so on
+    # Radius in px above which slices are blurred at half resolution; above twice this radius at
+    # a quarter, and so on
     full_resolution: float
     # Number of parts of the aperture that are composited one by one for the centre image: 1, 4
     # or 16. With 1, the dual-pixel pair composites its halves in addition

@@ -19,8 +19,9 @@ from defocus_core.renderer.engine.limits import (
 )
 from defocus_core.tensors.neighbourhoods import range_of, tally
 
-# Discs as large as so many frames, all together, are drawn one by one at most, brightest first; but
-# all that are so many times as bright as ordinary pixels, for their rounding noise would be seen.
+# At most as many discs are drawn one by one, brightest first, as have the area of _FRAMES frames;
+# but all that are _ALWAYS times as bright as ordinary pixels, as their rounding noise would be
+# seen.
 _FRAMES, _ALWAYS = 8.0, 100.0
 _BITS = 16  # first bits of a number, by which numbers are counted
 

@@ -55,8 +55,8 @@ class Revealed(NamedTuple):
     # [h, w] px, the radius of the surface in front of that: the visible surface, or that of the
     # closest edge where this is more blurred and so not continued
     front: Tensor
-    # [h, w] px, the radius from which on a surface lies behind the continued one; infinite
-    # where the continued one is the farthest
+    # [h, w] px, surfaces of this radius or more lie behind the continued one; infinite where the
+    # continued one is the farthest
     ceiling: Tensor
 
 

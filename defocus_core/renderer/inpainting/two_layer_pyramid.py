@@ -5,9 +5,9 @@ continued from the farther one only. So each coarse pixel keeps two surfaces, ea
 pixels of similar radii. From the second halving on, coarse pixels overlap (Burt 1981), so that
 their values hardly depend on where an edge lies among them.
 
-The value of a hidden pixel is the mean of the surfaces around it at a fine level, by the weight
-that they have there, and the rest is taken from the next coarser level, until the weight is enough:
-push-pull (Gortler et al. 1996). The levels are computed once, and read only for hidden pixels.
+A hidden pixel gets the weighted mean of the surfaces around it at a fine level. If their weights
+sum to less than is enough, the next coarser level adds the rest, and so on: push-pull (Gortler et
+al. 1996). The levels are computed once, and read only for hidden pixels.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _two_farthest(held: Tensor, fraction: Tensor, alike: float) -> tuple[Tensor,
     """The farthest surface and the next one, [K + 3, h, w] each, of coarse pixels.
 
     `held`: [K + 3, k, h, w], the k surfaces that each coarse pixel holds; `fraction`: [k, 1, 1],
-    their shares; `alike`: px by which radii of one surface differ at most.
+    their shares; `alike`: greatest difference in px between radii of one surface.
     """
     values, weight = held[:-3], held[-3] * fraction
     minimum, maximum = held[-2:].detach()

@@ -18,7 +18,7 @@ class Alpha(Enum):
     """The source of the alpha of views."""
 
     NONE = "a picture without alpha"
-    # Of one sample a pixel, for what is continued behind its edges may be nothing
+    # With one sample per pixel, as the surface continued behind its edges may be absent
     BLURRED = "a channel that is blurred with the colours"
     COVERED = "the coverage of what was composited"
 

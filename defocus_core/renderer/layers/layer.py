@@ -18,11 +18,11 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import flat_nonzero
 
-# Kinds of layers: what a pinhole sees; what nearer samples of the same pixels hide; what no sample
-# covers, without colours; and what is continued behind edges, maybe at half of the resolution.
+# Kinds of layers: seen by a pinhole; hidden by nearer samples of the same pixels; shares of pixels
+# that no sample covers, without colours; and continued behind edges, maybe at half the resolution.
 VISIBLE, HIDDEN, UNCOVERED, CONTINUED = "visible", "hidden", "uncovered", "continued"
-# And the nearest opaque sample of each pixel, before lights; and the trace of itself that a pixel
-# keeps where the pupil may see nothing of the frame.
+# And the nearest opaque sample of each pixel, which may hide lights; and the trace of itself that a
+# pixel keeps where the pupil may see nothing of the frame.
 SOLID, TRACE = "solid", "trace"
 
 

@@ -65,7 +65,7 @@ class Layered(NamedTuple):
             )
         minimum, maximum = range_of(present).tolist() if len(present) else (0.0, 0.0)
         is_open = bool((cover < 1).all(0).any())
-        if is_open:  # what is not covered is as far as the farthest surface, or in focus
+        if is_open:  # uncovered pixels are as far as the farthest surface, or in focus
             maximum = max(maximum, 0.0)
         deepest = max(1, int(covered.sum(0).amax()))
         return cls(colors, signed_radius, coverage, (minimum, maximum), is_open, deepest)
@@ -192,7 +192,10 @@ class SampleStack(NamedTuple):
         return self._weighted(self.through[:-1])
 
     def hidden(self) -> tuple[SampleLayer, ...]:
-        """The layers of what nearer samples of the same pixels hide; empty if nothing is hidden."""
+        """The layers of the hidden shares of samples; empty if nothing is hidden.
+
+        A share is hidden if nearer samples of the same pixel, from other surfaces, cover it.
+        """
         if len(self.color) == 1:
             return ()
         weights = self._hidden_weights()

@@ -112,7 +112,7 @@ SAME = 0.513
 
 @lru_cache(maxsize=64)
 def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
-    """The radii in px of exact discs whose left halves are shifted as far as the sampled slices."""
+    """The radii in px of exact discs whose left halves are shifted as much as sampled slices."""
     whole = aperture.centroid(half)[0]
     return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
 
