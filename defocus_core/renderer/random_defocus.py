@@ -102,7 +102,7 @@ _SHAPES = tuple(name for name, row in OPTIONS.items() if row.check is _shape)
 
 
 def check_option(name: str, option: Option) -> None:
-    """Raise ValueError unless every value that an option of a lens may have is allowed."""
+    """Raise ValueError if an option of a lens may take a value that is not allowed."""
     kind = option.kind if isinstance(option, Distribution) else "number"
     if kind in ("disparity", "percentile") and name != "foc_dist":
         raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")

@@ -104,7 +104,7 @@ def _table(
 
     numbering: gives the number of a layer or octave; ends: least and greatest signed radius in px.
     The table [2, n] holds, for radii of 0, 1 / STEPS, ... px nearer than focus and beyond it, the
-    number of the layer less the first number.
+    number of the layer minus the first number.
     """
     steps = [int(abs(r) * STEPS + 1 - HALF) for r in ends]
     count = -(-max(steps) // STEPS) * STEPS + 2

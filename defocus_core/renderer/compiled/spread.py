@@ -138,7 +138,10 @@ def _add_end(pixels, a, width, end, q0, q1, q2, q3):
 
 @compiled
 def add_span(pixels, a, width, begin, end, light, share):
-    """Add the span from `begin` to `end` px of one pixel, with a share of its light, to a row."""
+    """Add the span from `begin` to `end` px of one pixel to a row of differences.
+
+    pixels: [n, 4]; a: index of the row's first pixel; share: by which the light is multiplied.
+    """
     q0, q1, q2, q3 = light[0] * share, light[1] * share, light[2] * share, light[3] * share
     _add_end(pixels, a, width, begin, q0, q1, q2, q3)
     _add_end(pixels, a, width, end, -q0, -q1, -q2, -q3)

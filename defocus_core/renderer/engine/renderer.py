@@ -39,7 +39,7 @@ class Renderer:
         repair: The repair of the depth.
         frame: The data that all regions share.
         scene: The scene with repaired depth.
-        in_focus: The same scene as regions read it.
+        in_focus: The same scene as a picture in focus, with its layers.
     """
 
     def __init__(self, scene: Scene, settings: Settings = STANDARD) -> None:

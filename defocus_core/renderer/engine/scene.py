@@ -184,7 +184,7 @@ def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
 
 
 class InFocus(NamedTuple):
-    """A scene as regions read it: the picture in focus, and the layers if there are any."""
+    """A scene as it is read by regions: the picture in focus, and the layers if there are any."""
 
     surface: Surface  # of layers, the picture with alpha and the nearest radii
     layers: Layered | None  # None for a single surface

@@ -131,8 +131,8 @@ class Shifts:
     ) -> None:
         """Keep the colours and radii of a surface, and the shifts of its slices.
 
-        `inner`: the rectangle of the surface to whose corner the boxes of `color_change` are
-        relative.
+        `inner`: a rectangle of the surface; `color_change` is asked for boxes relative to its
+        corner.
         """
         self._color, self._radius = color, signed_radius
         self._positions = slice_position(signed_radius, radii)
