@@ -166,7 +166,8 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
 def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
     """Write all hidden octaves to `whole` as one layer; return whether there are any.
 
-    The octaves on one side of focus are summed; nearer sides cover farther ones.
+    The octaves on one side of focus are summed; nearer sides cover farther ones. rows to needed: as
+    for `composite_row`; whole, room: [6, W], room is scratch.
     """
     found = False
     whole[:] = 0

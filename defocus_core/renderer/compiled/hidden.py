@@ -163,7 +163,8 @@ def _direction(tensor, color):
 def _first_beyond(half, i, j, y, x, border):
     """The first coarse pixel from (i, j) in direction (y, x) with a radius above `border`.
 
-    Returns its flat index and its distance in px, which is infinite if there is none.
+    half: `Levels` of half resolution. Returns the flat index of the pixel and its distance in px,
+    which is infinite if there is none.
     """
     height, width = half.size[0, 1], half.size[0, 2]
     for step in _STEPS:
@@ -180,8 +181,9 @@ def _first_beyond(half, i, j, y, x, border):
 def _transport(half, i, j, border, smooth, tensor):
     """The three colours of coarse pixel (i, j), carried along the direction of least change.
 
-    smooth: colours and radius of the smooth continuation, used where there is no clear direction;
-    tensor: structure tensor xx, xy, yy.
+    half: `Levels` of half resolution; border: radius that the colours' surface exceeds; smooth:
+    colours and radius of the smooth continuation, used where there is no clear direction; tensor:
+    structure tensor xx, xy, yy.
     """
     values, (y, x, coherence) = half.values, _direction(tensor, smooth)
     a, to_first = _first_beyond(half, i, j, y, x, border)
@@ -207,8 +209,9 @@ def _transport(half, i, j, border, smooth, tensor):
 def _surface_at(half, levels, y, x, border, ceiling, directions):
     """The mean of the surfaces around (y, x) in px with radii from `border` to `ceiling`.
 
-    directions: number of levels on which the structure tensor is summed. Returns three colours and
-    the radius, the structure tensor, and the weight.
+    half, levels: `Levels` of half resolution and coarser; directions: number of levels on which the
+    structure tensor is summed. Returns three colours and the radius, the structure tensor, and the
+    weight.
     """
     c0, c1, c2, r, _, _, _, found = read_level(half, np.int64(0), y, x, 0.5, border, ceiling)
     own = min(found * limits.NEXT, 1.0)
@@ -236,7 +239,8 @@ def _surface_at(half, levels, y, x, border, ceiling, directions):
 def continue_hidden(picture, cones, grain, coarse, half, levels, light, coarse_radius):
     """Continue farther surfaces behind nearer ones: write `light` and `coarse_radius`.
 
-    picture: as for `fill_levels`; cones: from `cones_at_edges`; half, levels: are filled; light:
+    picture: light, radius and limit as for `fill_levels`; cones: from `cones_at_edges`; grain: px
+    of one grain; coarse: `Coarse`; half, levels: from `levels_for`, filled here; light:
     [1, h, 4 w]; coarse_radius: [1, h, w] px. Returns the least and the greatest radius of the
     hidden surfaces; if nothing is hidden, the least exceeds the greatest.
     """

@@ -122,7 +122,11 @@ def _coverage(color, own, other, expected):
 
 @compiled
 def _as_whole(alpha, is_near, own, other):
-    """The coverage of a pixel by its own surface, raised to 1 where the pixel is hardly mixed."""
+    """The coverage of a pixel by its own surface, raised to 1 where the pixel is hardly mixed.
+
+    alpha: the coverage; is_near: whether its own surface is the nearer one; own, other: sides [7]
+    as `_side_of` writes them.
+    """
     evidence = 0.0
     for c in range(3):
         apart = own[c] - other[c]
@@ -150,7 +154,8 @@ def _clipped(mean, variance, other, color):
 def _colors(color, own, other, alpha, c):
     """The values of channel `c` of a mixed pixel's own surface and of the other surface.
 
-    alpha: coverage by its own surface.
+    color: value of the pixel; own, other: sides [7] as `_side_of` writes them; alpha: coverage by
+    its own surface.
     """
     m, v, n, w = own[c], own[3 + c], other[c], other[3 + c]
     first, second, rest = alpha * v, (1 - alpha) * w, 1 - alpha
@@ -208,7 +213,10 @@ def _read_square(picture, border, y, x, square):
 
 @compiled
 def _find_sides(square, sides, room):
-    """Write both surfaces of a square, nearer first, to sides [2, 7]; return whether both exist."""
+    """Write both surfaces of a square, nearer first, to sides [2, 7]; return whether both exist.
+
+    square: from `_read_square`; room: [n] scratch.
+    """
     colors, radii, near, weight, on_edge = square
     first = second = False
     for s in range(2):

@@ -30,7 +30,10 @@ class CoarseLayers(NamedTuple):
 
 @entry
 def spread_reduced(surfaces, opening, room, reduced):
-    """Spread surfaces over their discs, into the slots of `reduced` with rows in `room`."""
+    """Spread surfaces over their discs, into the slots of `reduced` with rows in `room`.
+
+    surfaces: `SlotSurfaces`; opening: `Opening`; room: `Room`; reduced: `CoarseLayers`.
+    """
     height, width = surfaces.radius.shape[1:]
     values, sums = reduced.values, room.sums
     band = np.int64(0), height  # of the type that other callers give: a literal is compiled anew
@@ -74,7 +77,7 @@ def _weights(position, cubic, weights):
 def read_reduced(reduced, slot, y, room, row):
     """Interpolate row `y` of a slot to full resolution, into `room.sums`.
 
-    row: [4, n] scratch for a row of coarse pixels.
+    reduced: `CoarseLayers`; room: `Room`; row: [4, n] scratch for a row of coarse pixels.
     """
     height, width = reduced.place[slot, 0], reduced.place[slot, 1]
     step, cubic = reduced.place[slot, 2], reduced.cubic[slot]

@@ -256,8 +256,8 @@ def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
 def _mark(ring, reached, y, band, before):
     """Record in the ring which pixels a line reaches, for each slot.
 
-    reached: [slots, 3] first pixel of the line, pixel after the last, and radius in px; then reset;
-    before: pixels of the line before the frame.
+    ring: `Ring`; reached: [slots, 3] first pixel of the line, pixel after the last, and radius in
+    px; then reset; y: row of the line; before: pixels of the line before the frame.
     """
     for s in range(reached.shape[0]):
         if reached[s, 1] < 0:
@@ -295,7 +295,10 @@ def _same_from(slots, radius, x, most):
 
 @compiled
 def spread_line(line, y, band, opening, ring):
-    """Spread the pixels of a line, at row y, over the rows of `ring` in [band[0], band[1])."""
+    """Spread the pixels of a line, at row y, over the rows of `ring` in [band[0], band[1]).
+
+    line: `SurfaceRow`; opening: `Opening`; ring: `Ring`.
+    """
     # arrays of records are counted each time they are named: once is enough
     light, radius, slots, slope, more = line.light, line.radius, line.slot, line.slope, line.moved
     spans, area, left_area, shares = opening.spans, opening.area, opening.left_area, opening.share
@@ -346,7 +349,10 @@ def spread_line(line, y, band, opening, ring):
 
 @compiled
 def take_rows(room, y):
-    """Write the sums along row y of all slots to `room.sums`, and clear the row in the ring."""
+    """Write the sums along row y of all slots to `room.sums`, and clear the row in the ring.
+
+    room: `Room`.
+    """
     ring, ends, stride = room.ring, room.ends, 4 * (room.ring.width + 2)
     sums = ring.sums
     for s in range(ring.rows.shape[0]):

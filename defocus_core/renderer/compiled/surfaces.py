@@ -158,7 +158,10 @@ def _find_moved(light, radius, lost, moved):
 
 @compiled
 def spread_row(surfaces, y, band, opening, room):
-    """Spread the row of the surfaces that is closest to row y, over the rows [band[0], band[1])."""
+    """Spread the row of the surfaces that is closest to row y, over the rows [band[0], band[1]).
+
+    surfaces: `SlotSurfaces`; opening: `Opening`; room: `Room`.
+    """
     line, (count, height, width) = room.line, surfaces.radius.shape
     light, radius, slot, slope, moved = surfaces
     before, row = line.before, min(max(y, 0), height - 1)
@@ -191,7 +194,8 @@ def _clear(sums, slot, first, end):
 def add_points(surfaces, y, shares, room):
     """Add the light near focus that stays in its pixel to the sums of row y.
 
-    shares: for each radius in steps, the share of the light that is spread over a disc.
+    surfaces: `SlotSurfaces`; shares: for each radius in steps, the share of the light that is
+    spread over a disc; room: `Room`.
     """
     sums, ends, views = room.sums, room.ends, room.ring.views
     light, radius, slot, _, moved = surfaces
@@ -217,9 +221,9 @@ def add_points(surfaces, y, shares, room):
 def halved(surfaces, levels, level, side, coarse, table):
     """Surfaces on one side of focus, averaged to the coarse pixels of `level`.
 
-    surfaces: in pixels of the next finer level; levels: for each slot, the level at which it is
-    blurred: slots of finer levels are left out; side: whether beyond focus; table: see
-    `_find_slots`. Pixels on the edge of the frame are repeated beyond it.
+    surfaces: `SlotSurfaces` in pixels of the next finer level; levels: for each slot, the level at
+    which it is blurred: slots of finer levels are left out; side: whether beyond focus; coarse:
+    `Coarse`; table: see `_find_slots`. Pixels on the edge of the frame are repeated beyond it.
     """
     h, w = coarse.length[level, 0], coarse.length[level, 1]
     light, radius = np.zeros((1, h, 4 * w), np.float32), np.zeros((1, h, w), np.float32)
