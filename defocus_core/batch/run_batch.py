@@ -1,4 +1,4 @@
-"""The way in to batches: run or resume one."""
+"""The functions that run and resume batches, and the choice of processes for them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class WorkerConfig:
 
     @property
     def spread(self) -> int:
-        """Assumed number of workers, among which the jobs of one picture are divided."""
+        """The number of workers among which the jobs of one picture are divided."""
         return self.count if self.scheduler == "local" else MANY
 
     def execute(self) -> Execute:

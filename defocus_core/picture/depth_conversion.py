@@ -33,11 +33,7 @@ class DepthTarget:
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
-    """The output path for each depth file: `out` if it ends in .exr, else ``out/<stem>.exr``.
-
-    Raises:
-        UsageProblem: `out` has another suffix of pictures, or two files have the same output.
-    """
+    """The output path for each depth file: `out` if it ends in .exr, else ``out/<stem>.exr``."""
     if (suffix := out.suffix.lower()) in PICTURES - {".exr"}:
         problem = f"ends in {suffix}, and depth is written as EXR"
         remedy = "end it in .exr, or name a directory"
@@ -61,7 +57,7 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 
 
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
-    """Raise an error if an output exists, unless ``overwrite``, or if it would replace an input."""
+    """Raise an error if an output would replace an input or, without ``overwrite``, any file."""
     inputs = identities(place.file for place in wanted)
     for path in (path for place in wanted for path in (place.out, place.preview)):
         if path is not None:

@@ -322,7 +322,7 @@ class Views:
 
     @property
     def trust(self) -> Any:
-        """The share of the lens that saw content of the picture, 0 to 1; 1 if none is invented."""
+        """The share of the lens that saw content of the picture: 1 where nothing is invented."""
         return self._map(self._take.images["trust"][0])
 
     def write(
@@ -515,7 +515,7 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
 
 
 def _focus(focus: str | float | None) -> dict[str, str | None]:
-    """The option focus as text; numbers are in metres."""
+    """The option ‹focus› as text; a number is a distance in metres."""
     if focus is None or isinstance(focus, str):
         return {"focus": focus}
     return {"focus": "inf" if focus == math.inf else f"{focus:.9g}m"}

@@ -118,8 +118,7 @@ def _evidence(depth: Depth, alpha: Any) -> _Edges:
 def _fill_edges(depth: Depth, alpha: Any) -> tuple[int, int]:
     """Replace depth at edges of an element by that of the object, in place.
 
-    Returns:
-        The number of edge pixels changed, and of those whose depth is still an average.
+    Returns the number of edge pixels changed; and the number of those that remain averages.
     """
     metres, fraction, lost = depth.metres, np.asarray(alpha, np.float32), 0
     solid = min(1.0, float(np.max(alpha)))
@@ -153,7 +152,7 @@ def _is_mixed(
 ) -> NDArray[np.bool_]:
     """Edge pixels that are farther than all fully covered pixels nearby, as averages are.
 
-    `fraction` is alpha; `known` tells which pixels have a depth.
+    `fraction` is alpha, at least `solid` if fully covered; `known` marks pixels with a depth.
     """
     farthest = np.where(known & (fraction >= solid), metres, np.float32(0))
     height, width = metres.shape
@@ -177,9 +176,9 @@ def _from_beside(
     depth: Depth,
     reach: int,
 ) -> NDArray[np.float32]:
-    """Fill missing pixels with the depth of the adjacent pixel of greatest alpha.
+    """Fill missing pixels with the depth of the adjacent pixel of greatest alpha, `reach` times.
 
-    This is done `reach` times, so that gaps of up to `reach` px are filled. `fraction` is alpha.
+    `metres` are the numbers of `depth`, `fraction` is alpha.
     """
     filled, opacity = np.pad(metres, 1, mode="edge"), np.pad(fraction, 1)
     known = _has_depth(depth, metres) & (fraction > 0) & ~missing

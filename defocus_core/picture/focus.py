@@ -19,7 +19,7 @@ from defocus_core.request.resolver import refuse_near_focus
 def with_focus(lens: LensValues, depth: Depth) -> LensValues:
     """The lens with its focus distance in mm set from the depth at ``focus_at`` or at a percentile.
 
-    With a blur in px, the depth number in focus is set instead.
+    With a blur in px, ``focus_value`` is set instead, to the depth number at ``focus_at``.
     """
     lens = in_pixels(lens, depth)
     if lens.blur is not None:
@@ -46,10 +46,10 @@ def in_pixels(lens: LensValues, depth: Depth) -> LensValues:
 
 
 def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
-    """The lens with ``blur_reach``, the greatest distance of depth numbers from those in focus.
+    """Set ``blur_reach``, the greatest difference of depth numbers from those in focus.
 
-    At this distance, the blur has the radius ``blur``. `depths` are all depths of the scene. A lens
-    without a blur in px is unchanged.
+    Pixels at this difference get the radius ``blur``. `depths` are all depth maps of the scene. A
+    lens without ``blur`` is unchanged.
     """
     if lens.blur is None or lens.focus_value is None:
         return lens
@@ -64,11 +64,7 @@ def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
 
 
 def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
-    """The index (rows, columns) of a pixel in arrays with overscan, as slices of length 1.
-
-    Raises:
-        UsageProblem: The pixel lies outside the picture, or is empty.
-    """
+    """Index (rows, columns) of a pixel in arrays with overscan; refuses one outside, or empty."""
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.with_field("focus-at")
     if not (0 <= x < width and 0 <= y < height):
@@ -107,7 +103,7 @@ def _at_percentile(lens: LensValues, depth: Depth) -> float:
 
 
 def find_focus(take: Take) -> Take:
-    """Step: set the focus of the lens from the depth of the picture."""
+    """Set the focus of the lens from the depth of the picture."""
     inputs, found = take.inputs, take.lens
     if found is take.job.lens:
         found = with_focus(found, inputs.depth)

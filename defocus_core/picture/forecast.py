@@ -47,7 +47,7 @@ class Forecast(NamedTuple):
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
     """Forecasts of jobs by index; and the errors of jobs that cannot be rendered.
 
-    Of many jobs, at most `MAX_READ` are examined, at even distances from first to last.
+    Of many jobs, at most `MAX_READ` are examined, at even intervals from first to last.
     """
     plain_path.load()
     count, pixels = min(len(jobs), MAX_READ), 0

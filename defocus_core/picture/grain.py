@@ -17,12 +17,12 @@ from defocus_core.errors import InputError
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.take import Take
 
-# Sides in px of the squares in which noise is measured; radius in px up to which one is sharp.
+# Side in px of the squares in which noise is measured; greatest blur radius of a sharp one in px.
 _SIDE, _SHARP = 8, 0.5
-# Light beyond which a photograph is clipped or black, and the squares that are enough.
+# Light below which pixels count as black and above which as clipped; least number of squares.
 _BLACK, _WHITE, _ENOUGH = 0.002, 0.9, 16
-# Brightnesses that are looked at; the share of their squares that may be flat, and how much
-# greater than the greatest variance of these the noise is, of white noise.
+# Number of brightness classes; quantile of the variances in a class that is taken, as few squares
+# are flat; and the ratio of the variance of white noise to that quantile.
 _BINS, _FLAT, _GREATER = 12, 0.25, 1.32
 
 
@@ -43,12 +43,8 @@ def grained(
 ) -> NDArray[Any]:
     """Add noise to a blurred plane [H, W], so that it is as noisy as the sharp photograph.
 
-    Args:
-        plane: The blurred channel in linear light.
-        noise: Coefficients (a, b) of the variance a + b L at light L.
-        radius: Blur radii in px, [H, W].
-        seed: Seed of the noise.
-        is_half: Whether the plane is a view through half of the lens, which averages half as much.
+    `noise` are the coefficients (a, b) of its variance a + b L at light L; `radius` are blur radii
+    [H, W] px; `is_half` tells whether the plane is a view through half of the lens.
     """
     light = np.asarray(plane, np.float32)
     averaged = np.maximum(math.pi * np.square(radius) / (2 if is_half else 1), 1)

@@ -20,7 +20,7 @@ from defocus_core.system.text import counted
 class Layers:
     """The layers of a deep picture, or of an element over a plate, nearest first."""
 
-    # for each layer arrays [H, W] of premultiplied light: colours, then passes
+    # for each layer its premultiplied light planes [H, W]: colours, then further blurred channels
     light: tuple[tuple[Any, ...], ...]
     alpha: tuple[Any, ...]  # for each layer [H, W]
     depths: tuple[Depth, ...]
@@ -29,8 +29,8 @@ class Layers:
     # whether some layers only hide others; the alpha of the picture is then the last plane of
     # `light`
     held_out: bool = False
-    pictures: tuple[Color, ...] = ()  # for each layer the colour if its depth is repaired
-    front: int = 0  # number of layers of the picture in front of another one
+    pictures: tuple[Color, ...] = ()  # colour of each layer if its depth is repaired, else empty
+    front: int = 0  # number of layers of the front picture, before they are sorted
 
     @property
     def words(self) -> str:
@@ -101,8 +101,7 @@ class Layers:
     def hold_out(self, holdout: Layers, black: Any) -> Layers:
         """These layers joined with those of a holdout, which hide what is behind and have no light.
 
-        `black` is a plane [H, W] of zeros. The alpha of the picture becomes the last plane of
-        light.
+        `black` is a plane [H, W] of zeros. Alpha of the picture becomes the last plane of light.
         """
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)

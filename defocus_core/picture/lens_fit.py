@@ -1,4 +1,4 @@
-"""Find the lens of a sharp picture and a real photograph of it that is out of focus."""
+"""Find the lens that relates a sharp picture to a defocused photograph of the same scene."""
 
 from __future__ import annotations
 
@@ -54,12 +54,8 @@ def fit_files(
 ) -> dict[str, Any]:
     """Find focus and f-number of the lens that blurred a picture; returns a record for JSON.
 
-    Args:
-        picture: The sharp picture and its depth.
-        blurred: The blurred picture; or its left and its right dual-pixel view.
-        reading: Options for reading the depth.
-        options: Known parameters, and what else to find.
-        progress: Function that is called with the number of renderings done and estimated in all.
+    `picture` is sharp and has depth; `blurred` is the blurred picture, or its left and its right
+    dual-pixel view. `progress` is called with the number of renderings done, and estimated in all.
     """
     import torch
 

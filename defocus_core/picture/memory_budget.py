@@ -89,12 +89,12 @@ def base_mb() -> float:
 
 @cache
 def _first_mb() -> tuple[float, bool]:
-    """Memory in MB at the first call, before any picture, and whether torch was loaded then."""
+    """The base memory in MB, measured at the first call; and whether torch was loaded then."""
     return memory.held_mb() + _OF_CALLS_MB, is_torch_loaded()
 
 
 def _sizes(job: Job) -> tuple[float, float]:
-    """MB of the arrays of a job; and MB that decoding takes where a file is decoded as a whole."""
+    """Memory in MB of the arrays of a job; and of those files that must be decoded as a whole."""
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if image_type(job) == "float16" else _FLOAT
     if outputs.need_rendering:
@@ -151,12 +151,9 @@ def image_type(job: Job) -> str:
 
 
 def bound_of(job: Job, renderer: Renderer, arrays: float, device: str) -> float:
-    """An upper bound in MB of the memory that rendering takes.
+    """An upper bound in MB of the memory that rendering takes besides `arrays`, in MB.
 
-    `arrays` is the memory of inputs and outputs in MB.
-
-    Raises:
-        TooLarge: The bound exceeds the available memory; the remedy names options that fit.
+    TooLarge is raised if it does not fit; the remedy names options with which it does.
     """
     from defocus_core.renderer.engine.memory_bound import memory_bound
 

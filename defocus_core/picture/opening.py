@@ -51,8 +51,7 @@ def aperture_of(lens: LensValues) -> Aperture:
 def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.0) -> CatEye | None:
     """The lens barrel that clips the aperture off-axis; None if the lens has none.
 
-    `size` is (width, height) of the picture in px; `pixel_aspect` the width of a pixel over its
-    height.
+    `size` is (width, height) in px; `pixel_aspect` the width of a pixel over its height.
     """
     from defocus_core.optics.cat_eye import CatEye
 
@@ -164,9 +163,9 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
-    """Write the aperture, and the blur of a point with signed radius `radius` in px, as PNG.
+    """Draw the aperture and the blur of a point, through the whole lens and each half, as PNG.
 
-    An EXR gets the blur only: the kernels of the lens and of its left and right views.
+    `radius` is the signed radius of the blur in px. An EXR gets the three blurs only, as kernels.
     """
     import torch
 

@@ -53,9 +53,10 @@ def _completed(decoded: InputPair) -> tuple[Color, Depth]:
 
 
 def parts_of(picture: PictureFiles, reading: Reading) -> tuple[int | None, int | None]:
-    """The number of the part to read in the colour and in the depth file.
+    """The number of the part to read in the colour file, and in the depth file.
 
-    A part is that of a multi-part EXR, a page or a frame; None for a file that has only one.
+    A part is one of a multi-part EXR, a page of a TIFF or a frame of an array. None stands for a
+    file that has only one.
     """
     if reading.part is None:
         return None, None
@@ -137,7 +138,7 @@ def overscan_of(wanted: InputPair) -> Overscan:
 
 
 def read_overscan(wanted: InputPair) -> InputPair:
-    """Step: set how much overscan to read."""
+    """Set how much overscan to read, the pixels beyond the display window."""
     overscan = overscan_of(wanted)
     return replace(wanted, overscan=overscan.smaller(wanted.limit or overscan))
 
@@ -148,7 +149,7 @@ def stretch_words(share: float) -> str:
 
 
 def resized(given: InputPair) -> InputPair:
-    """Step: resize depth to the size of colour, without averages of two surfaces."""
+    """Resize depth to the size of colour, without averages of two surfaces."""
     color, depth, reading = given.color, given.depth, given.reading
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     share = stretched((columns, rows), (width, height))

@@ -71,7 +71,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
     """Render the images and maps of a job; `take` must come from `prepare`.
 
     As many regions of the picture are computed at once as fit into memory; one by one if a GPU runs
-    out of memory. `progress` is called with the number of finished tiles and of all tiles.
+    out of it. `progress` is called with the number of finished tiles and of all tiles.
     """
     job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:
@@ -101,7 +101,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
             if bound > _LARGE_MB or memory.held_mb() + bound > limit:
                 memory.trim()  # much of the input is freed
             shown = partial(_of_all, progress, limit, number, len(passes))
-            images.invented = 0  # seconds of one rendering
+            images.invented = 0  # passes count the same pixels
             for part in renderer.tiles(shown):
                 images.place(part, each, first=number == 0)
     except torch.OutOfMemoryError:  # other programs use the GPU, too
@@ -163,15 +163,7 @@ def _is_plain(take: Take) -> bool:
 def _rendered(
     take: Take, images: _Images, counts: Mapping[str, int], back: str, begun: tuple[float, float]
 ) -> Take:
-    """Add the rendered images and statistics to a take.
-
-    Args:
-        take: The job that was rendered.
-        images: Its images.
-        counts: Statistics of the renderer.
-        back: The code that rendered, compiled or torch.
-        begun: Wall and CPU seconds at the start.
-    """
+    """Add rendered images and statistics to a take; `begun`: wall and CPU seconds at the start."""
     from defocus_core.depth.diagnosis import DepthRepair
 
     stats: dict[str, float] = {**counts, "pixels_invented": images.invented}
@@ -223,7 +215,7 @@ Progress = Callable[[int, int], None]
 # Share of negative pixels of left or right, from which on there is a warning.
 _MANY_CLAMPED = 0.01
 _TRUSTED = 0.99  # share of the lens
-_LARGE_MB = 500.0  # pixels of a picture so slow that giving freed memory back costs no time
+_LARGE_MB = 500.0  # bound of a picture that takes so long that giving memory back hardly counts
 _FULL = 0.9  # share of the memory limit, from which on freed memory is given back
 
 
@@ -251,9 +243,9 @@ def _doubts(take: Take, stats: Mapping[str, float]) -> Iterator[str]:
 def _of_all(
     progress: Progress | None, limit: float, number: int, count: int, done: int, tiles: int
 ) -> None:
-    """Report progress over `count` passes, and return freed memory to the system if little is left.
+    """Report progress over `count` passes; return freed memory to the system if little is left.
 
-    `number` is the index of the pass, of whose `tiles` `done` are finished; `limit` is in MB.
+    In the pass of index `number`, `done` of `tiles` tiles are finished; `limit` is in MB.
     """
     if memory.held_mb() > _FULL * limit:
         memory.trim()

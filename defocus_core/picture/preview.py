@@ -22,10 +22,9 @@ FAR = (0.10, 0.35, 0.70)
 
 
 def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | None = None) -> None:
-    """Write a picture over black as 8-bit sRGB PNG.
+    """Write a picture over black as 8-bit sRGB PNG; `attributes` may name its primaries.
 
-    `pixels` [H, W, C] is linear, premultiplied Y, YA, RGB or RGBA; `attributes` may tell its
-    primaries.
+    `pixels` [H, W, C] is linear, premultiplied Y, YA, RGB or RGBA.
     """
     channels = PLAIN_CHANNELS[pixels.shape[2]]
     to_srgb = srgb_matrix(path, channels, attributes or {})
@@ -74,14 +73,10 @@ _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 
 
 def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
-    """The picture in false colour: sharp pixels green, nearer ones orange, farther ones blue.
+    """The picture in false colour, as linear red, green and blue planes [H, W].
 
-    Args:
-        light: Linear planes [H, W], whose mean gives the brightness.
-        radius: Signed blur radii [H, W] in px.
-
-    Returns:
-        Linear red, green and blue planes [H, W].
+    Pixels are green if sharp, orange if nearer and blue if farther, by signed `radius` [H, W] px;
+    their brightness is the mean of the linear planes `light`.
     """
     maximum = largest(radius)
 

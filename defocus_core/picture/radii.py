@@ -209,8 +209,8 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
     raise InputError("too-blurred", problem, remedy, path=depth.path)
 
 
-# Nothing is in focus if the sharpest pixel is blurred by more than both: px, and a share
-SHARP_PX = 2.0  # CoC radius
+# Nothing is in focus if the CoC radius of the sharpest pixel exceeds both of these.
+SHARP_PX = 2.0  # px
 SHARP_SHARE = 0.25  # of the greatest CoC radius
 _BLACK_IS_NEAR = -0.3  # evidence of the near end, -2 to 2
 _UNREAL = ("worlddepth", "scenedepth", "imagedepth")  # channels that Unreal writes, in centimetres
@@ -218,7 +218,7 @@ _HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def doubt_depth(take: Take) -> Take:
-    """Step: warn if depth seems to have another unit or meaning than assumed."""
+    """Warn if depth seems to have another unit or meaning than assumed."""
     reading, depth, own = take.job.reading, take.inputs.depth, take.radii
     words = [
         *of_radii(depth, own.px, own.limits, take.lens, declared=reading.says_scale),
@@ -230,7 +230,7 @@ def doubt_depth(take: Take) -> Take:
 
 
 def of_near_end(depth: Depth) -> Iterator[str]:
-    """Yield a warning if relative depth seems to have near pixels black, but is read as white."""
+    """Yield a warning if near pixels of relative depth seem black, but white is taken as near."""
     from defocus_core.picture.subject import white_is_near
 
     if white_is_near(depth) < _BLACK_IS_NEAR:
@@ -241,14 +241,10 @@ def of_near_end(depth: Depth) -> Iterator[str]:
 def of_radii(
     depth: Depth, radius: Any, limits: tuple[float, float], lens: LensValues, *, declared: bool
 ) -> Iterator[str]:
-    """Yield at most one warning if the blur radii are implausible, such as nothing in focus.
+    """Yield at most one warning if blur radii are implausible, such as nothing in focus.
 
-    Args:
-        depth: The depth map.
-        radius: Its signed blur radii [H, W] in px.
-        limits: The least and the greatest radius in px.
-        lens: The lens.
-        declared: Whether the user gave format or unit of the depth, for the remedy.
+    `radius` are the signed radii [H, W] px, `limits` the least and the greatest. `declared` tells
+    whether the user gave format or unit of the depth, for the remedy.
     """
     greatest = max(abs(end) for end in limits)
     if depth.is_relative and lens.focus_value is not None:

@@ -33,7 +33,7 @@ def surfaces_of(take: Take) -> Surfaces:
 
 
 def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
-    """The renderings of a scene, after all steps; statistics are taken from the last one."""
+    """The renderings of a scene, in order; statistics are taken from the last one."""
     take = surfaces.take
     channels = tuple(range(len(take.inputs.color.planes)))
     whole = Pass(take, _scene(surfaces), settings_of(take), channels, channels)
@@ -70,7 +70,7 @@ def settings_of(take: Take) -> Settings:
 
 
 def stack_layers(surfaces: Surfaces) -> Surfaces:
-    """Step: replace the surface of the picture by one for each layer."""
+    """Replace the surface of the picture by one for each layer."""
     take = surfaces.take
     layers, device = take.inputs.layers, take.device
     assert layers is not None
@@ -89,9 +89,9 @@ def stack_layers(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """Step: leave alpha out of the light of layers, as the renderer computes it from coverage.
+    """Leave alpha out of the light of layers, as the renderer computes it from their coverage.
 
-    With a holdout, the alpha of the picture is a plane of light, which is rendered last.
+    With a holdout, the alpha of the picture is a plane of light, which comes last.
     """
     inputs = every[0].take.inputs
     layers, alpha = inputs.layers, len(inputs.color.light)
@@ -110,7 +110,7 @@ def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def repair_surfaces(surfaces: Surfaces) -> Surfaces:
-    """Step: repair the radii of all surfaces; `repair` becomes the record of the first one."""
+    """Repair the radii of all surfaces, as their depth needs; `repair` describes the first."""
     from defocus_core.depth.repair import repair_depth
 
     take, longer = surfaces.take, surfaces.take.longer_axis
@@ -137,7 +137,7 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
 
 
 def light_lamps(surfaces: Surfaces) -> Surfaces:
-    """Step: restore the light that clipped highlights have lost.
+    """Restore the light that clipped highlights have lost.
 
     Nothing changes if a surface has light above 1, as its highlights are not clipped.
     """
@@ -156,7 +156,7 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """Step: render groups of colours apart, as red and blue focus at other distances."""
+    """Replace the pass by one for each group of colours, as red and blue focus elsewhere."""
     (whole,) = every
     take, color = whole.take, whole.take.inputs.color
     if "R" not in color.channels:

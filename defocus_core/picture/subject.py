@@ -32,16 +32,16 @@ from defocus_core.request.resolver import Given, Layer, missing_options, missing
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, as a share of the longer side
-# Least share of a picture, weighted by a tent over its height and width, and greatest share of all
-# disparities, of a subject; share of the height above and below within which a standing surface
-# changes by less than `_STEP`; and the share of all disparities by which two are about the same.
+# Of a subject: least share of the picture, weighted by a tent over height and width, and greatest
+# share of the range of disparities. Share of the height in which disparity of an upright surface
+# changes by less than `_STEP`. Share of the range within which disparities are about the same.
 _LEAST_SHARE, _THICKNESS, _ABOVE, _ALIKE = 0.05, 1 / 6, 0.025, 0.02
 _LOOKED_AT = 1 << 20  # pixels
-# Within this share of the longer side a surface changes by at most this share of all disparities: a
-# floor that spans all of them in half of the picture changes by half of it, an edge by more.
+# Within the share `_NEAR_BY` of the longer side, a surface changes by at most the share `_STEP` of
+# the range of disparities: twice as much as a floor that spans the range in half of the picture.
 _NEAR_BY, _STEP = 0.01, 0.04
-# Greatest difference of disparity, as a share of all, from the pixel in focus to the rest of its
-# surface, and of a floor, which has no end.
+# Greatest difference of disparity, as a share of the range, between the pixel in focus and the rest
+# of its surface; and the rest of a floor, which has no end.
 _AS_NEAR, _OF_FLOOR = 0.22, 0.075
 _SEARCHED = 1 << 17  # pixels
 _EVEN = 0.15  # evidence of the near end below which it is unknown
@@ -106,7 +106,7 @@ def _stands(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
-    """Subsampled disparities [h, w], greater is nearer, NaN if unknown; and the step of pixels."""
+    """Subsampled disparities [h, w], greater is nearer, NaN if unknown; and their spacing in px."""
     step = math.isqrt(math.prod(depth.metres.shape) // _LOOKED_AT) + 1
     numbers = np.asarray(depth.metres[:][::step, ::step], np.float64)
     if depth.is_relative:
@@ -192,7 +192,7 @@ def with_blur_and_focus(
     typed: Sequence[str],
     decoded: Depth | None = None,
 ) -> tuple[PictureLenses, Reading]:
-    """Choose blur and focus if a single picture of relative depth has none; a note tells them.
+    """Choose blur and focus for a single picture of relative depth, if they are not given.
 
     Args:
         lenses: The options given.
@@ -202,8 +202,8 @@ def with_blur_and_focus(
         decoded: The depth, if the picture is in memory.
 
     Returns:
-        The lenses with blur and focus; and the options for reading, inverted if the picture shows
-        that black is near.
+        The lenses with blur and focus; and the options for reading, with ``invert`` if black is
+        near.
     """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses, reading
@@ -240,7 +240,7 @@ def with_blur_and_focus(
 
 
 def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
-    """Set ``invert`` if relative depth has near pixels black; returns the evidence as text, too."""
+    """Set ``invert`` if near pixels of relative depth are black; returns the reason as text."""
     shown = white_is_near(depth)
     if abs(shown) < _EVEN:
         return reading, "; white is taken as near, add ‹invert› if black is"
@@ -270,13 +270,10 @@ def white_is_near(depth: Depth) -> float:
 def options_of(
     depth: Depth | None, size: tuple[int, int], given: Layer, *, whole_subject: bool = True
 ) -> dict[str, Given]:
-    """The options blur and focus to choose for relative depth, as far as they are not in `given`.
+    """Choose blur and focus for relative depth; options in `given` are left out.
 
-    Args:
-        depth: Depth to find the focus in; None if a focus is given.
-        size: (width, height) of the picture in px.
-        given: The options given.
-        whole_subject: Whether the whole surface of the subject becomes sharp.
+    `depth` is needed only to find a focus; `size` is (width, height) in px. With `whole_subject`,
+    all of the surface in focus becomes sharp.
     """
     chosen: dict[str, str] = {}
     if "blur" not in given:
@@ -297,14 +294,9 @@ def _incomplete(
     *,
     has_file: bool,
 ) -> UsageProblem:
-    """The error for missing lens options, which proposes a command that sets them.
+    """The error for the missing lens options `lacking`, which proposes a command that has them.
 
-    Args:
-        picture: The picture.
-        reading: Options for reading its depth, which gives the pixel to focus on.
-        lacking: The missing options.
-        typed: Words of the command that was given.
-        has_file: Whether the command names a lens file.
+    `typed` are the words of the command given; `has_file` tells whether it names a lens file.
     """
     words = list(typed)
     optics = [name for name in lacking if name != "focus"]
@@ -337,10 +329,10 @@ def size_of(picture: PictureFiles) -> tuple[int, int]:
 
 
 def is_relative(path: Path, reading: DepthReading) -> bool:
-    """Whether a depth file holds relative depth, without a unit.
+    """Whether a depth file holds numbers without a unit.
 
-    That is assumed of 8-bit and 16-bit integers, of HEIC, and of GDepth without unit, unless
-    options say otherwise.
+    That is assumed of 8-bit and 16-bit integers, HEIC, and GDepth without a unit, unless options
+    say otherwise.
     """
     from defocus_core.io.depth_formats.photo_depth import read_jpeg
     from defocus_core.io.images.raster import choose_page

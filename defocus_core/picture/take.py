@@ -103,16 +103,18 @@ class Arrays(NamedTuple):
 class Inputs:
     """The decoded inputs of a job; jobs of the same picture share them."""
 
-    arrays_mb: float  # size of these and of the outputs
+    arrays_mb: float  # MB of these inputs and of the outputs
     color: Color
     depth: Depth
-    hidden: tuple[Color, Depth] | None = None  # of the hidden layer, if it is needed
+    hidden: tuple[Color, Depth] | None = None  # colour and depth of the hidden layer, if needed
     plate: InputPair | None = None  # the plate behind it, if it is an element
     layers: Layers | None = None  # of a deep picture, or of an element and its plate
     matte: Any = None  # [H, W], the coverage of its subject, or None
     empty: Any = None  # empty pixels, bool [H, W]; None if there are none
-    warnings: tuple[str, ...] = ()  # contents of the files that the renderer ignores
-    stamps: Mapping[str, Any] = field(default_factory=dict)  # of the files, by role
+    warnings: tuple[str, ...] = ()  # notes on contents of the files that the renderer ignores
+    stamps: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # size, time and hash of each file, by role
     seconds: float = 0.0
 
 
@@ -134,15 +136,15 @@ class Take:
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     # Number of pixels of each kind that were clamped to the range of half
     clamped: Mapping[str, int] = field(default_factory=dict)
-    reach: int = 0  # px that light of the picture reaches at most
+    reach: int = 0  # greatest distance in px by which blur moves light
     # number of clipped lights that were made brighter; None if not requested
     lamps: int | None = None
-    bound_mb: float = 0.0  # bound of the memory of rendering, without its inputs and outputs
+    bound_mb: float = 0.0  # upper bound of rendering memory besides inputs and outputs
     seconds: float = 0.0
-    cpu_seconds: float = 0.0  # CPU seconds
+    cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
+    repair: DepthRepair | None = None  # how depth was repaired; None if nothing was rendered
     decided: DepthRepair | None = None  # the repair decided by its shot; None if the frame decides
     shot_note: str = ""  # note on decisions by other frames
 
@@ -165,7 +167,7 @@ class Take:
 
     @property
     def color_note(self) -> str:
-        """A note on how the colour was read, and how many clipped lights were brightened."""
+        """A note on how the colour was read, and on how many clipped lights were brightened."""
         lit = "" if self.lamps is None else f"{counted(self.lamps, 'clipped light')} brightened"
         return ", ".join(filter(None, (self.inputs.color.note, lit)))
 
@@ -180,14 +182,14 @@ class Surfaces:
     """The surfaces of a scene: the visible one, or one for each layer, nearest first."""
 
     take: Take
-    # for each surface to repair the colour, which has the edges of its depth
+    # colour of each surface whose depth may be repaired by its edges
     colors: tuple[Color, ...]
-    radii: tuple[Radii, ...]  # for each surface the radii by its depth
-    # for each surface [C, H, W], linear, premultiplied, with alpha
+    radii: tuple[Radii, ...]  # radii of each surface, computed from its depth
+    # colour of each surface [C, H, W], linear, premultiplied, with alpha
     light: tuple[Tensor, ...]
-    px: tuple[Tensor, ...]  # for each surface the radii [H, W] to render with
+    px: tuple[Tensor, ...]  # radii of each surface [H, W] to render with
     repair: DepthRepair  # of the depth
-    coverage: Tensor | None = None  # [L, H, W] of layers; None of a picture
+    coverage: Tensor | None = None  # [L, H, W] of layers; None for a single surface
     hidden: KnownLayer | None = None  # the known hidden layer
     matte: Tensor | None = None  # [H, W], the coverage of the subject, or None
     # number of clipped lights that were made brighter; None if not requested
@@ -200,16 +202,16 @@ class Pass(NamedTuple):
     take: Take
     scene: Scene
     settings: Settings
-    channels: tuple[int, ...]  # of the planes of the picture
-    light: tuple[int, ...]  # the same of the scene, in its order
-    px: float = 0.0  # added to the radii
-    order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
+    channels: tuple[int, ...]  # indices of the planes of the picture that it renders
+    light: tuple[int, ...]  # indices of the light planes of the scene, in rendering order
+    px: float = 0.0  # added to all radii, in px
+    order: tuple[int, ...] = ()  # index of the rendered plane of each channel; empty: as rendered
 
 
 class Contents(NamedTuple):
     """The channels of an output file."""
 
-    take: Take  # its take
+    take: Take  # the job in progress
     kind: Kind  # the kind of output
     names: tuple[str, ...]  # names of the channels of colour, or the kind of a map
     planes: tuple[Any, ...]  # arrays [H, W] of these channels
@@ -257,7 +259,6 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
 
 
 def _round(value: float | None) -> float | None:
-    """A value with four significant digits; None stays None."""
     return None if value is None else float(f"{value:.4g}")
 
 

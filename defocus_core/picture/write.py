@@ -241,7 +241,7 @@ def _write_preview(path: Path, contents: Contents) -> None:
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:
-    """The attributes ``defocus:*`` of an EXR output; without folders and time, for equal bytes."""
+    """The attributes ``defocus:*`` of an EXR output; no folders or time, so equal jobs agree."""
     job, lens = take.job, take.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
@@ -286,7 +286,7 @@ def _repair(take: Take) -> dict[str, str]:
 
 
 def add_noise(contents: Contents) -> Contents:
-    """Step: add sensor noise to the rendered planes, except alpha."""
+    """Add sensor noise to the rendered planes, except alpha."""
     from defocus_core.picture.grain import grain_of, grained
 
     take, kind, channels = contents.take, contents.kind, contents.take.inputs.color.channels
@@ -318,7 +318,7 @@ def _noisy(plane: Any, electrons: float, read: float, seed: int) -> NDArray[Any]
 
 
 def cut_overscan(contents: Contents) -> Contents:
-    """Step: cut overscan off; or, if it is kept, set the display window."""
+    """Cut overscan off; or, if it is kept, set the display window."""
     color, outputs = contents.take.inputs.color, contents.take.job.outputs
     if contents.kind.source == "focus":
         return contents
@@ -336,7 +336,7 @@ def shown(color: Color, plane: Any) -> Any:
 
 
 def cut_border(contents: Contents) -> Contents:
-    """Step: cut off the black border that no light reaches."""
+    """Cut off the black border that no light reaches."""
     take, layout, data = contents.take, contents.layout, contents.take.inputs.color.data
     assert data is not None
     (height, width), (x, y) = contents.planes[0].shape, layout.corner
@@ -368,8 +368,8 @@ def disparity_map(take: Take) -> NDArray[Any]:
 def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
     """Disparity between left and right, in px per px of CoC radius.
 
-    It is computed at the corners of a grid of cells, [cells + 1, cells + 1]; or as one number, [1,
-    1], without a cat's eye. `nearer` is for points nearer than the focus.
+    The result has the shape [n + 1, n + 1], for the corners of n by n cells of the picture; or [1,
+    1] without a cat's eye. `nearer` is for points nearer than the focus.
     """
     import torch
 
@@ -388,7 +388,7 @@ def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
 
 
 def _interpolated(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Interpolate values at the corners of a grid of cells to all pixels of a frame, [H, W]."""
+    """Interpolate values at the corners of cells to all pixels of a picture, [H, W]."""
     if corners.size == 1:
         return corners
     values: NDArray[Any] = _tents(shape[0]) @ corners @ _tents(shape[1]).T
@@ -396,7 +396,7 @@ def _interpolated(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]
 
 
 def _tents(length: int) -> NDArray[Any]:
-    """Weights [length, cells + 1] to interpolate from cell corners to pixels along an axis."""
+    """Weights [length, n + 1] to interpolate from n + 1 cell corners to pixels along an axis."""
     cell = (np.arange(length) + 0.5) * (_CELLS / length)
     weights: NDArray[Any] = np.clip(1 - np.abs(cell[:, None] - np.arange(_CELLS + 1)), 0, None)
     return weights

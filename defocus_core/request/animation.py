@@ -2,10 +2,10 @@
 
 Between two keys, a value is interpolated linearly in the variable in which the blur is smooth:
 disparity for the focus distance, the logarithm for f-number, focal length and other sizes, the
-value itself for angles and pixels. Before the first key its value holds, after the last key the
-last one. Numbers without a unit are metres for a focus distance, and mm for other lengths. A CSV
-file begins with a header of column names, like ``frame,focus,fnumber``. Its columns ``x`` and ``y``
-together are the option focus-at; an empty cell sets no key.
+value itself for angles and pixels. The value of the first key also holds before it, that of the
+last key after it. Numbers without a unit are metres for a focus distance, and mm for other lengths.
+A CSV file begins with a header of column names, like ``frame,focus,fnumber``. Its columns ``x`` and
+``y`` together are the option focus-at; an empty cell sets no key.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _DIGITS = 9
 
 @dataclass(frozen=True)
 class Animation:
-    """The keys of animated lens options."""
+    """Keyframes of lens options."""
 
     keys: Mapping[str, Mapping[int, Given]]  # keys by option, then by frame, ascending
 
     @property
     def places(self) -> dict[str, str]:
-        """The place of the first key of each animated option, as text, by option name.
+        """The place of the first keyframe of each animated option, as text, by option name.
 
         An alternative option, like focus-at beside focus, has the same place.
         """
@@ -48,7 +48,7 @@ class Animation:
         }
 
     def options_at(self, frame: int) -> dict[str, Given]:
-        """The values of all animated options at a frame: those of its keys, else interpolated."""
+        """The value of each animated option at a frame, interpolated between its keyframes."""
         return {
             name: _value_at(LENS_OPTIONS[name], keys, frame) for name, keys in self.keys.items()
         }
@@ -85,10 +85,9 @@ def _interpolated(row: LensParam, first: Any, last: Any, fraction: float) -> Any
 
 
 def read_animation(files: Iterable[str], table: Table | None = None) -> Animation | None:
-    """Read the keys in files and in the table ``[animate]``; None if there are no keys.
+    """Read the keyframes in `files`; or, with a table ``[animate]``, those in it and in its files.
 
-    `files` are paths of CSV or TOML files. With a table, the files that it names are read instead,
-    relative to the jobs file.
+    The result is None if there are none. Files are CSV or TOML.
     """
     root, every = Path(), dict[str, dict[int, Given]]()
     if table is not None:
@@ -121,7 +120,7 @@ _REMEDY = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
 
 
 def _collected(keys: Iterable[_Key]) -> dict[str, dict[int, Given]]:
-    """Group keys by option and sort them by frame: ``{option: {frame: value}}``.
+    """Group keyframes by option and sort them by frame: ``{option: {frame: value}}``.
 
     Numbers without a unit get the default unit of their option.
     """
@@ -138,7 +137,7 @@ def _collected(keys: Iterable[_Key]) -> dict[str, dict[int, Given]]:
 
 
 def read_keys(file: Path) -> dict[str, dict[int, Given]]:
-    """Read the keys of a CSV or TOML file: ``{option: {frame: value}}``, sorted by frame."""
+    """Read the keyframes of a CSV or TOML file: ``{option: {frame: value}}``, sorted by frame."""
     if file.suffix.lower() == ".toml":
         tables = read_toml(file, what="file of keys", remedy=_REMEDY)
         refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
@@ -154,7 +153,7 @@ def read_keys(file: Path) -> dict[str, dict[int, Given]]:
 
 
 def _of_table(table: Table) -> Iterator[_Key]:
-    """The keys of the table ``[animate]``, in which an option has a table of values by frame."""
+    """The keyframes in the table ``[animate]``, where an option has a table of values by frame."""
     table.refuse_unknown((*LENS_OPTIONS, *keys_of(ANIMATION_OPTIONS)))
     for name, frames in table.values.items():
         if name in keys_of(ANIMATION_OPTIONS):
@@ -185,11 +184,7 @@ def _of_csv(file: Path) -> Iterator[_Key]:
 
 
 def _columns(cells: list[str], place: Place) -> list[str]:
-    """The normalised column names of a CSV header: options, ``frame``, and maybe ``x`` and ``y``.
-
-    Raises:
-        InputError: ``frame`` is missing, or only one of ``x`` and ``y`` is there.
-    """
+    """The column names of a CSV header; refuses it without ``frame``, or with x or y alone."""
     names = [cell.lower().replace("_", "-").replace(" ", "-") for cell in cells]
     problem, remedy = "has no column named frame", f"begin it with a line like {_HEADER}"
     if ("x" in names) != ("y" in names):

@@ -24,10 +24,10 @@ _RESERVED = {
 
 
 def is_label(name: str) -> bool:
-    """Whether a name is valid for a label, a kind of file that is copied beside the outputs.
+    """Whether a name is valid for a label, a file that is copied beside the outputs of a picture.
 
-    A label must not be the name of a kind of output. Its part before the first ``_`` must not be
-    that of an input, such as ``depth``, or of a folder in OUT.
+    It must not be that of a kind of output, and its part before the first ``_`` not a reserved
+    word, such as ``depth`` or ``json``.
     """
     is_free = name not in KINDS and name.partition("_")[0] not in _RESERVED
     return is_free and _LABEL.fullmatch(name) is not None
@@ -35,7 +35,10 @@ def is_label(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PictureFiles:
-    """The files of a picture. `color` and `depth` are the same file if one EXR holds both."""
+    """The files of a picture. `color` and `depth` are the same file if one EXR holds both.
+
+    Labels in `carried` are files that are copied beside the outputs.
+    """
 
     stem: str
     color: Path
@@ -46,9 +49,11 @@ class PictureFiles:
     holdout: PictureFiles | None = (
         None  # a deep picture that hides what is behind it, without being shown
     )
-    matte: PictureFiles | None = None  # the coverage of its subject; the same file twice
+    matte: PictureFiles | None = (
+        None  # coverage of its subject, a file that is both color and depth
+    )
     frame: int | None = None  # number of the frame in a shot
-    carried: tuple[tuple[str, Path], ...] = ()  # labels that are put beside its outputs, by name
+    carried: tuple[tuple[str, Path], ...] = ()  # files copied beside its outputs, by label
 
     @property
     def others(self) -> dict[str, PictureFiles]:
@@ -58,7 +63,7 @@ class PictureFiles:
 
     @property
     def files(self) -> dict[str, Path]:
-        """All files by role: color, depth, those of `others` like hidden_color, and labels."""
+        """All files by role: color, depth, those of `others` like hidden_color, and `carried`."""
         files = {"color": self.color, "depth": self.depth}
         for role, other in self.others.items():
             files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
@@ -74,7 +79,7 @@ class Reading(DepthReading):
     depth_repair: str = "auto"
     # px of the widest soft edges of depth, 0 if none are soft; None measures them
     edge_width: float | None = None
-    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels to blur
 
 
 @dataclass(frozen=True)
@@ -86,13 +91,13 @@ class Outputs:
     format: str = "exr"
     exr_type: str = "half"
     compression: str = "zip"  # codec of EXR files; input for that of the colour file
-    color_space: str | None = None  # srgb converts images other than EXR; auto keeps their profile
+    color_space: str | None = None  # srgb converts images other than EXR; None keeps their profile
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
     map_format: str = "exr"  # or tiff, also float32
     keep_overscan: bool = False  # whether pixels beyond the display window are written
-    labels: tuple[str, ...] = ()  # names of those that are put beside the outputs
+    labels: tuple[str, ...] = ()  # names of files that are copied beside the outputs
     file: str = ""  # name of the only file, in root itself; empty for a folder for each kind
 
     @property
@@ -127,10 +132,9 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """The quality of rendering, and the hardware to compute with.
+    """The quality of rendering, and the hardware to use.
 
-    The pixels of a picture depend on ``quality``, and in their last digits on ``tile``; the other
-    fields do not change them.
+    Pixels depend on ``quality``, and in their last digits on ``tile``, but on no other field.
     """
 
     quality: str = "standard"
@@ -159,13 +163,13 @@ class Shot:
 
     @property
     def pictures(self) -> dict[int, PictureFiles]:
-        """The files of the deciding frames by frame number."""
+        """The files of the frames in `sample`, by frame number."""
         pictures = (each.picture for each in self.sample)
         return {int(p.frame): p for p in pictures if p.frame is not None}
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files of the deciding frames by role, like ``frame1001_depth``."""
+        """The files of the frames in `sample`, by role like ``frame1001_depth``."""
         return {
             f"{FRAME_ROLE}{number}_{role}": path
             for number, picture in sorted(self.pictures.items())
@@ -176,10 +180,8 @@ class Shot:
 def reading_through(reading: Reading, lens: LensValues | None) -> Reading:
     """The options for reading depth, adapted to a lens.
 
-    With a lens whose ``blur`` is given in px, the depth is read as relative disparity.
-
-    Raises:
-        UsageProblem: ``invert`` is set, but the depth is not relative.
+    With a lens whose ``blur`` is given in px, depth is read as relative disparity. Without one,
+    UsageProblem is raised if ``invert`` is set, which only relative disparity allows.
     """
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
@@ -218,7 +220,7 @@ class Job:
     split: Split = NO_SPLIT
 
     def __post_init__(self) -> None:
-        """Check the options, and set the reading of depth to that which the lens needs.
+        """Check the options, and adapt the options for reading depth to the lens.
 
         Raises:
             UsageProblem: The output format cannot hold the channels of `blur_channels`, or
@@ -246,7 +248,7 @@ class Job:
 
     @property
     def lens_focal(self) -> float | None:
-        """Focal length divided by sensor width; None if reading the depth does not need it."""
+        """Focal length divided by sensor width; None unless it is needed to read the depth."""
         return self.lens.foclen / self.lens.sensor_width if self.reading.needs_lens else None
 
     @property
@@ -279,9 +281,9 @@ class Job:
 
 
 def of_views(jobs: Sequence[Job]) -> list[Job]:
-    """Jobs with one view each: a job whose ‹view› names several becomes one job for each of them.
+    """Split jobs whose option view names several views, like left,right, into one for each.
 
-    The name of the view is added to the file stem. Without such a job, all jobs are unchanged.
+    The name of the view is added to the file stem.
     """
     if not any("," in (job.reading.view or "") for job in jobs):
         return list(jobs)

@@ -465,12 +465,10 @@ TABLES: Mapping[str, Mapping[str, Param]] = {
 
 
 def in_one_file(outputs: Outputs, given: Collection[str]) -> Outputs:
-    """Outputs with `file` and format set, if the root is the path of a file; else unchanged.
+    """Set `file` and format of outputs if their root is the path of a file rather than a folder.
 
-    ``given`` has the names of the fields that the user set.
-
-    Raises:
-        UsageProblem: The file type or the other options do not allow a single file.
+    ``given`` has the names of the fields that the user set. UsageProblem is raised if the file type
+    or another option does not allow a single file.
     """
     path = outputs.root
     if path.is_dir():

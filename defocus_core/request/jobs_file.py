@@ -178,11 +178,7 @@ class Entry:
 
 
 def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
-    """The pictures of ``[inputs]`` in file order, and all frames of its frame pattern, if any.
-
-    Raises:
-        UsageProblem: There is no picture, or two pictures have the same name.
-    """
+    """The pictures of ``[inputs]`` in file order, and all frames of its frame pattern, if any."""
     table.refuse_unknown((*keys_of(INPUT_OPTIONS), "carry"))
     entries, shot = _from_files(table)
     for name in table.texts("list"):
@@ -255,8 +251,8 @@ def _from_tables(table: Table) -> list[Entry]:
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of the rows of a list.
 
-    A missing file is no error here, but fails its own job later. Only if none of the first files
-    exists, InputError is raised.
+    A job whose files are missing fails later. InputError is raised here only if none of the first
+    colour files exists.
     """
     with without_collections():
         entries = [_entry(row, where, file) for where, row in rows]

@@ -15,7 +15,7 @@ from defocus_core.request.quantities import Percentile, SideShare, Unitless, len
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """Identification of a random lens: its values depend on these three fields alone."""
+    """Identification of a randomly drawn lens, which determines its random numbers."""
 
     seed: int  # the seed of the jobs file
     picture: str  # name of the picture and suffix of the lens of the sweep
@@ -79,7 +79,7 @@ class LensValues:
 
     @property
     def effects(self) -> dict[str, Any]:
-        """The values of the optional effects that are on, in the form of records, by field name."""
+        """The values of the optional effects that are on, as they are recorded, by field name."""
         values = {name: getattr(self, name) for name in EFFECTS}
         return {
             name: EFFECT_OPTIONS[name].recorded(value)

@@ -31,14 +31,10 @@ def read_lens_file(file: Path | None, wanted: Container[str] = LENS_OPTIONS) -> 
 
 
 def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
-    """The lens options of a lens file, checked against the kind of blur.
+    """The options in a lens file, unless they conflict with blur radii that are given otherwise.
 
-    Args:
-        file: The lens file.
-        where: The place of the option that names the file, for errors.
-        in_pixels: Whether another option gives the blur in px. Then options of the file that decide
-            blur radii raise UsageProblem.
-        radii: Whether the input files hold blur radii. Then such options are left out, with a note.
+    With `in_pixels`, another option gives the blur, and options of the file that decide radii raise
+    UsageProblem at `where`. With `radii`, input files hold radii; such options are left out.
     """
     stored = read_lens_file(file)
     if "blur" in stored:

@@ -40,7 +40,7 @@ class Kind:
 
     @property
     def whole(self) -> bool:
-        """Whether this kind has all channels of the rendered picture, not only one like a map."""
+        """Whether this kind has all channels of the picture; a map, for one, has a single one."""
         return self.image or bool(self.rendered and self.source)
 
     @property
@@ -153,9 +153,9 @@ def compression(text: str) -> str:
 
 
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
-    """The format that a file of a kind has by its suffix; None if the suffix does not fit.
+    """The format, like png16, of a file of this kind with this suffix; None if it cannot be.
 
-    `given` is the format that the user asked for, which the suffix must match, or None.
+    `given` is the format that the user asked for, if any, which must have the same suffix.
     """
     word = suffix.lower().removeprefix(".")
     word = FORMAT_ALIASES.get(word, word)
@@ -166,6 +166,6 @@ def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
 
 
 def is_picture_name(suffix: str) -> bool:
-    """Whether a suffix is that of an image format that is written, so that a path names a file."""
+    """Whether a suffix is that of an image format that can be written; such a path names a file."""
     word = suffix.lower().removeprefix(".")
     return f".{word}" in SUFFIXES.values() or word in FORMAT_ALIASES

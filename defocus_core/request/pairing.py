@@ -78,16 +78,9 @@ def find(
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
     """Find the pictures that paths stand for: files, directories, patterns or frame patterns.
 
-    Args:
-        color: The colour path.
-        depth: The depth path; None if each colour EXR holds its own depth.
-        others: Colour and depth paths of the other pictures of a scene, by role.
-        patterns_in: The folder of wildcard patterns; None refuses wildcards.
-        frames: The frames to return, and whether incomplete pictures are skipped.
-        carried: The path of each label.
-
-    Returns:
-        The wanted pictures; and all complete frames of the shot, empty without frame patterns.
+    `others` are the paths of other pictures of the scene by role, and `carried` those of labels;
+    `patterns_in` is the folder of wildcard patterns, None to refuse wildcards. Returns the wanted
+    pictures; and all complete frames of the shot, empty without frame patterns.
     """
     labels = carried or {}
     every = (color, depth, *(path for pair in others.values() for path in pair), *labels.values())
@@ -138,7 +131,7 @@ def find(
 
 
 def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
-    """The frames chosen by the options frames and missing; ``at`` gives the place of an option."""
+    """The frames that the options ‹frames› and ‹missing› choose; ``at`` gives an option's place."""
     frames, missing = options.get("frames"), options.get("missing")
     return FrameChoice(
         None if frames is None else frame_numbers(frames.text, frames.place),
@@ -202,10 +195,10 @@ def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "
 def _pair(
     color: Path, depth: Path | None, root: Path | None, with_text: bool, *, skips: bool
 ) -> tuple[_Files, dict[str, PictureFiles]]:
-    """The files that a colour path stands for, and each picture by name, paired with its depth.
+    """The files that a colour path stands for; and each picture by name, paired with its depth.
 
-    `root` and `with_text` are the folder of patterns, and whether names include the text before
-    wildcards. With `skips`, unpaired files are left out instead of refused.
+    `root` is the folder of patterns. `with_text` adds the text before wildcards to names; `skips`
+    leaves unpaired files out instead of refusing them.
     """
     if depth is None:
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
@@ -273,7 +266,7 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
 
 
 def _check_paired(files: _Files, others: _Files, *, skips: bool) -> None:
-    """Refuse files without a file of the same name in `others`; with `skips`, note them."""
+    """Refuse files without a file of the same name in `others`; with `skips`, only write a note."""
     if files.kind != others.kind:
         many, one = sorted((files, others), key=lambda each: each.kind == "file")
         problem = f"is a {many.kind} but {one.path} is a {one.kind}"

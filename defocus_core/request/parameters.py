@@ -1,4 +1,4 @@
-"""The table of lens options, which has a row for each.
+"""The table of lens options, with a row for each.
 
 Everything that shows or reads a lens option is made from its row: options of commands, keys of TOML
 files, columns of lists, sweeps, keyframes, records, file headers, and commands in reports.
@@ -112,11 +112,7 @@ class LensParam(Param):
     never_off: bool = False  # whether every lens has it, so that it is not an effect
 
     def recorded(self, value: object) -> object:
-        """A value as it is stored in records.
-
-        Paths become file names, tuples and shares text, infinity ``"inf"``, NaN None. Other values
-        are unchanged.
-        """
+        """A value for records: name of a path, text of a tuple or share, "inf", or None for NaN."""
         if isinstance(value, Path):
             return value.name
         if isinstance(value, tuple | SideShare):

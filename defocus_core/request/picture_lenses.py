@@ -136,7 +136,7 @@ class PictureLenses:
 
     @cached_property
     def options(self) -> Layer:
-        """The options that all pictures have in common: lens file, own options and random draws."""
+        """The options that all pictures share: from the lens file, ``[lens]`` and ``[sample]``."""
         return laid_over(self._of_file(self.own), self.own, self.sampling.options)
 
     @cached_property
@@ -148,7 +148,7 @@ class PictureLenses:
         return lens_of(self.options)
 
     def lens_of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
-        """The only lens of a picture, and those options that come from metadata of the picture."""
+        """The lens of a picture, if it has only one; and the options that its metadata gave."""
         if self.fixed is not None:
             return self.fixed, {}
         options, metadata = self._options(picture, {})
@@ -195,7 +195,7 @@ class PictureLenses:
         check_lens(options, self.where, radii=self.reading.holds_radii, lacking=lacking)
 
     def _options(self, picture: PictureFiles, row: Layer) -> tuple[Layer, Layer]:
-        """The options of a picture before sweeps; and those among its metadata."""
+        """The options of a picture except swept ones; and the options found in its metadata."""
         metadata = self._of_metadata(picture)
         own = laid_over(self.own, self.sampling.options, row)
         below = laid_over(self._of_file(own), metadata)

@@ -106,16 +106,10 @@ def quantity(
     most: float = math.inf,
     is_positive: bool = False,
 ) -> Callable[[str], float]:
-    """Make a parser of a finite number with a unit, to be converted by the factors in `units`.
+    """Make a parser of a finite number with a unit, which it converts by the factor of the unit.
 
-    Args:
-        what: The quantity, with its article, for error messages.
-        example: The end of the remedy, like "like 2m".
-        units: Factor by which a number with a unit is multiplied, by unit; the key "" allows
-            numbers without a unit.
-        least: Least allowed value.
-        most: Greatest allowed value.
-        is_positive: Whether 0 and negative values are refused.
+    `units` are factors by unit; the key "" allows numbers without a unit. `what` (like "an angle")
+    and `example` (like "like 15deg") are words for errors.
     """
 
     def parse(text: str) -> float:
@@ -270,8 +264,7 @@ def one_of(
 ) -> Callable[[str], str]:
     """Make a parser that accepts only the given words.
 
-    `code` is the code of the error for other texts; `otherwise` is its remedy if no word is
-    similar.
+    `code` is that of its error, `otherwise` the remedy if no word is similar.
     """
 
     def parse(text: str) -> str:
@@ -289,7 +282,7 @@ def switch(text: str) -> bool:
 
 
 def several(parse: Callable[[str], T]) -> Callable[[str], tuple[T, ...]]:
-    """Make a parser of a list of values with commas, each parsed by `parse`, without duplicates."""
+    """Make a parser of values separated by commas; `parse` is for one, duplicates are dropped."""
 
     def parse_all(text: str) -> tuple[T, ...]:
         words = [word.strip() for word in text.split(",")]
@@ -324,7 +317,7 @@ def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
 def _pair(
     first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
 ) -> Callable[[str], tuple[float, float]]:
-    """Make a parser of two quantities separated by a colon."""
+    """Make a parser of two quantities separated by a colon; other arguments are for its error."""
 
     def parse(text: str) -> tuple[float, float]:
         words = text.split(":")

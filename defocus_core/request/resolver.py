@@ -1,4 +1,4 @@
-"""Resolve options: combine the layers in which they are given, and make lens, reading and outputs.
+"""Resolve options: combine the layers in which they are given, then make lens and settings of them.
 
 A layer holds the options of one source. The layers, of which later ones override earlier ones, are
 a lens file, metadata of the picture, keyframes, the command line or a jobs file, the row of the
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 class Given(NamedTuple):
-    """A value that an option was given."""
+    """The value given to an option."""
 
     value: Any  # in mm, degrees or plain numbers; or a Distribution of these
     text: str  # as on the command line
@@ -152,7 +152,7 @@ def refuse_contradiction(layer: Layer) -> None:
 
 
 def refuse_repeated(layer: Layer, places: Mapping[str, str]) -> None:
-    """Raise UsageProblem if an option of `layer` is also set in one of `places`, by option name."""
+    """Raise UsageProblem if an option of `layer` is in `places`, and so is set elsewhere, too."""
     for name in layer.keys() & places.keys():
         problem = f"is in {places[name]}, too"
         raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
@@ -176,12 +176,9 @@ def check_lens(
 ) -> None:
     """Raise UsageProblem if the options do not define a lens.
 
-    Args:
-        options: The combined options.
-        where: The table to which missing options should be added, for errors.
-        radii: Whether depth files hold blur radii, so that only the shape of the aperture is
-            needed.
-        lacking: The picture whose metadata were searched for options, for errors.
+    `where` is the table to which missing options should be added. `radii` tells whether depth files
+    hold blur radii, so that only the shape of the aperture is needed. `lacking` is a picture whose
+    metadata were searched for options.
     """
     possible = {name: _possible(each.value) for name, each in options.items()}
     in_pixels = "blur" in options
@@ -213,9 +210,9 @@ def check_lens(
 
 
 def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = False) -> None:
-    """Raise UsageProblem if an option has no effect, since it would decide blur radii.
+    """Raise UsageProblem if an option determines blur radii, though they are given otherwise.
 
-    `in_pixels`: radii are decided by the option blur; `radii`: they are in the depth files.
+    `in_pixels`: the option blur gives them; `radii`: the depth files hold them.
     """
     for name, (_, _, place) in options.items():
         if in_pixels and name not in BESIDE_BLUR:
@@ -244,7 +241,7 @@ def missing_words(lacking: Sequence[str]) -> str:
 def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) -> None:
     """Raise UsageProblem if required lens options are missing.
 
-    `where` is the place for errors; `lacking`, the picture whose metadata do not have them either.
+    `where` is the place for the error; `lacking` a picture whose metadata were searched for them.
     """
     missing = missing_options(options)
     if not missing:
@@ -268,7 +265,7 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
 def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
     """Raise UsageProblem unless the focus distance exceeds the focal length, both in mm.
 
-    `where` is the place for errors; `at` is text before the distance.
+    `where` is the place for the error; `at` the text in it before the distance.
     """
     if foc_dist <= foclen:
         near, far = length_text(foc_dist), length_text(foclen)

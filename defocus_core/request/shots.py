@@ -24,14 +24,14 @@ def with_shot(
     *,
     moving: bool,
 ) -> list[Job]:
-    """Jobs of which each frame of the shot knows the frames that decide for the shot.
+    """Set `shot` of jobs: the frames that decide depth repair and focus for the whole shot.
 
     Args:
         jobs: The jobs, in any order.
         every: All existing frames of the shot, ascending; empty without a shot.
-        lens_of: Gives the lens of a frame, by the suffix of the lens.
+        lens_of: Function that gives the lens of a frame for the suffix of a lens.
         options: Options of the table ``[shot]``.
-        moving: Whether keyframes move the pixel in focus, so that it is not shared.
+        moving: Whether keyframes move the pixel in focus, so that the focus is not shared.
     """
     if not every:
         for given in options.values():

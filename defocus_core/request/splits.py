@@ -71,7 +71,7 @@ def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
 
 
 def _place_of(scene: str) -> float:
-    """A number from 0 to 1 that the hash of a scene's name determines."""
+    """A number from 0 to 1 that is derived from the hash of a scene's name."""
     digest = blake2b(os.fsencode(scene), digest_size=8).digest()
     return int.from_bytes(digest, "big") / 2**64
 
@@ -81,13 +81,9 @@ def with_recorded(
 ) -> list[Job]:
     """Jobs whose scenes keep the split in which the journal recorded them, if it still exists.
 
-    Notes tell how many scenes differ from their hash, how many changed split, and which splits are
-    empty.
-
-    Args:
-        jobs: The jobs, with splits decided by hashes.
-        recorded: Names of the recorded splits, by name of picture.
-        all_scenes: Whether these are all scenes of the batch, so that a split may be called empty.
+    `recorded` are the names of splits by name of picture; `all_scenes` tells whether `jobs` have
+    all scenes of the batch. Notes tell how many scenes are kept against their hash, how many
+    changed split, and which splits are empty.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:
@@ -115,7 +111,7 @@ def with_recorded(
 
 
 def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
-    """Splits given by a share of the scenes, 0 to 1; and splits given by a number of scenes."""
+    """The shares, 0 to 1, of some splits by name; and the numbers of scenes of the other splits."""
     fractions, counts = {}, {}
     for name, value in section.values.items():
         if name == _SCENE:

@@ -36,8 +36,7 @@ _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
 def read_sweep(table: Table) -> dict[str, Layer]:
     """The swept options of each lens of ``[sweep]``, by the suffix that names the lens.
 
-    All combinations of values are made; the first option in the order of `LENS_OPTIONS` varies
-    slowest.
+    There is a lens for each combination of values; the first option varies slowest.
     """
     table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []

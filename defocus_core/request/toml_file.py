@@ -19,12 +19,12 @@ _MAX_DOTS = 10**8  # greatest sum of squared numbers of dots of lines
 
 
 def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
-    """Parse a TOML file. In errors, `what` names the kind of file."""
+    """Parse a TOML file; `what` (the kind of file) and `remedy` are for errors."""
     return parsed_toml(read_bytes(file, what, remedy), file, what=what, remedy=remedy)
 
 
 def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str, Any]:
-    """Parse the bytes of a TOML file. In errors, `what` names the kind of file."""
+    """Parse the bytes of a TOML file; `what` (the kind of file) and `remedy` are for errors."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -103,7 +103,7 @@ def refuse_unknown(
 ) -> None:
     """Raise UsageProblem for the first of `keys` that is not in `known`.
 
-    `where` is the place for the error, `owner` what knows the keys, and `what` the word for a key.
+    `where` is the place for the error, `owner` the table or file, and `what` the word for a key.
     """
     for key in keys:
         if key not in known:

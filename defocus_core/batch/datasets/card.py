@@ -44,7 +44,7 @@ def write(
         made_by: Versions of the programs that made the samples, as text.
 
     Returns:
-        The path of the README.md; empty if it was not written.
+        The path of the README.md; an empty list if it was not written.
     """
     if not is_free(out, README, lambda file: file.read(len(_OWN)) == _OWN.encode()):
         note(f"{out / README}: was not written by a batch and is kept; no other is written")

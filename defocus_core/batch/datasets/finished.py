@@ -4,7 +4,8 @@
 
     from defocus_core import samples
 
-    for sample in samples("out"): sample.files["render"], sample.files["coc"], sample.lens.fnum
+    for sample in samples("out"):
+        sample.files["render"], sample.files["coc"], sample.lens.fnum
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class SampleList:
     """A sequence of samples of a finished batch, each read from the index on access."""
 
     def __init__(self, out: Path, wanted: Callable[[Mapping[str, Any]], bool]) -> None:
-        """Read the index in the folder ``out``; list the samples whose entries are `wanted`."""
+        """Read the index in the folder ``out``; list the samples whose entry satisfies `wanted`."""
         self._out, offset, offsets = out, 0, array("q")
         with _opened(out) as lines:
             self._stamp = _stamp(lines)
@@ -73,11 +74,7 @@ class SampleList:
         return len(self._offsets)
 
     def __getitem__(self, index: int) -> Sample:
-        """Read a sample.
-
-        Raises:
-            InputError: The index was written again since the list was made.
-        """
+        """Read a sample; refuses an index that was written again since the list was made."""
         offset = self._offsets[index]
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:

@@ -146,11 +146,7 @@ def _samples(out: Path) -> Iterator[ShardSample]:
 
 
 def keys_of(names: Sequence[str], out: Path) -> list[str]:
-    """The key of each sample in tars: its name, with ``_`` for dots.
-
-    Raises:
-        InputError: Two samples would have the same key.
-    """
+    """The key of each sample in tars: its name with ``_`` for dots; refuses equal keys."""
     keys = [name.replace(".", "_") for name in names]
     if len({*keys}) < len(keys):
         key = Counter(keys).most_common(1)[0][0]

@@ -58,7 +58,8 @@ class BatchDataset(Dataset[Item]):
         Args:
             out: The output folder of the batch.
             kinds: Kinds of output, like render, left, right or coc; also image and depth if the
-                batch has ``inputs = "copy"``, and labels, whose numbers are not converted.
+                batch has ``inputs = "copy"``, and labels, files that were copied along, as they
+                are.
             split: Name of a split; None for all samples.
             crop: Height and width in px of a random crop, or one number for a square. None for
                 whole pictures, which a loader can only batch if all have the same size.
@@ -172,7 +173,7 @@ def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) ->
 
 
 def _planes(path: Path, kind: str) -> Any:
-    """Read an output as [C, H, W], float32; integer labels as int32."""
+    """Read an output as [C, H, W], float32; labels that are integers as int32."""
     row = KINDS.get(kind)
     if row is not None and row.image:
         views = [read_color(path, view=view).pixels for view in row.views or [None]]

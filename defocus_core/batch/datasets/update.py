@@ -27,8 +27,7 @@ from defocus_core.system.text import counted, note
 def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) -> None:
     """Raise InputError if the index, a list or a shard in `out` was not written by a batch.
 
-    `splits` are the names of the splits; `packed` the names of the samples to write to shards, or
-    None.
+    `splits` are names of splits; `packed` those of the samples to pack into shards, or None.
     """
     lists = [sample_index.NAME, *map(sample_index.list_name, sorted(splits - {""}))]
     names = [name for name in lists if not sample_index.is_own(out, name)]
@@ -42,7 +41,7 @@ def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) ->
 
 
 def withdraw(out: Path) -> set[str] | None:
-    """Remove the index before samples change; returns the names of its samples, None if missing."""
+    """Remove the index before samples change; returns its sample names, None without an index."""
     names = sample_index.listed(out)
     if names is not None:
         for name in (sample_index.NAME, *sample_index.split_lists(out)):

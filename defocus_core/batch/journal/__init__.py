@@ -1,1 +1,1 @@
-"""What a batch has done: records in a journal, its lock, identity of jobs, and progress."""
+"""What a batch has done: records in a journal, locks, reasons to do jobs again, and progress."""

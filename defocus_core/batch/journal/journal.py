@@ -68,7 +68,7 @@ class JournalFile:
     """A journal to read, line by line or at an offset. A missing file is like an empty one."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.end = path, 0  # the latter in bytes, of the lines that were read
+        self.path, self.end = path, 0  # end: bytes that were read
         self._file: BinaryIO | None = None
         try:
             self._file = Folder(path.parent).open(path.name)
@@ -79,11 +79,7 @@ class JournalFile:
             raise cannot_read(path, error, "check its permissions, or copy it again") from error
 
     def lines(self) -> Iterator[tuple[int, Record, bytes]]:
-        """Yield offset in bytes, record and text of each line, without an incomplete last line.
-
-        Raises:
-            InputError: Another line is not a record.
-        """
+        """Yield offset in bytes, record and text of each line, except an incomplete last one."""
         linked, lines = linked_folders(self.path.parent), enumerate(self._file or (), 1)
         for number, text in lines:
             begin = self.end
@@ -127,10 +123,10 @@ class Ledger:
     def __init__(self, out: Path, *, is_empty: bool = False) -> None:
         """Read the journal in `out`, then those of shards; nothing if `is_empty`."""
         self.out = out
-        self.splits: dict[str, tuple[str, ...]] = {}  # those that pictures were in, by their stems
+        self.splits: dict[str, tuple[str, ...]] = {}  # splits recorded for pictures, by stem
         self.last: dict[str, int] = {}  # number of the valid record by file, relative to OUT
         self.outcomes: list[Outcome] = []  # by number
-        self._once: set[str] = set()  # files that an earlier record has as done, and the last not
+        self._once: set[str] = set()  # files of an ok record, of which the last one failed
         # of each record: sample, offset, journal, number of files
         self._samples: list[str] = []
         self._begins, self._of, self._files = array("Q"), array("L"), array("H")
@@ -198,8 +194,7 @@ class Ledger:
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
         """Yield the records that are not superseded, sorted by sample, oldest first for each.
 
-        Outputs that a later record has replaced are left out. `only`: names of samples, None for
-        all.
+        Outputs replaced by a later record are left out. `only`: names of samples, or None for all.
         """
         wanted = (n for n in self.live() if only is None or self._samples[n] in only)
         for number in sorted(wanted, key=self._samples.__getitem__):
@@ -209,7 +204,7 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """How a job ended: status, reason of a failure, and the back that rendered it (or empty)."""
+    """How a job ended: status, reason if it failed, and the back, torch or compiled, if not."""
 
     status: str
     reason: str | None
@@ -233,7 +228,7 @@ def _input_folder(folder: str, out: Path, base: str) -> str:
 
 
 class Journal:
-    """A journal to append records to. Only the process that holds the lock of `out` may do so."""
+    """A journal to append records to. Only the process that holds the lock of OUT may do so."""
 
     def __init__(self, path: Path, end: int, began: Callable[[], bool] = lambda: False) -> None:
         """Open the journal for appending.

@@ -70,8 +70,7 @@ def progress(out: Path, failures: int) -> Progress:
 def merge(out: Path) -> tuple[int, int, list[str]]:
     """Merge the journals of all shards into one.
 
-    Returns:
-        The number of jobs, the number of merged journals, and the shards without one, like "3/8".
+    Returns the number of jobs, the number of journals merged, and shards without one, like "3/8".
     """
     require_journal(out)
     with locked(out):

@@ -44,7 +44,7 @@ Moment = Annotated[datetime, Meta(tz=True)]  # a time without a zone cannot be c
 
 
 class Stamp(Struct, frozen=True, omit_defaults=True):
-    """Path, size, time and hash of a file, by which changes are found."""
+    """Path, size, time and hash of a file, by which changes of it are detected."""
 
     path: str = ""  # an output relative to OUT; an input as given if absolute, else relative to OUT
     size: int | None = None  # bytes
@@ -102,7 +102,7 @@ _UNKEPT = ("end", "stats", "trace", "error")
 
 
 class Asked(Struct, frozen=True, kw_only=True):
-    """The request of a job: its settings, and the program that did it."""
+    """The request of a job: its settings, and the version of the program."""
 
     sample_id: Annotated[str, Meta(pattern="^[^/]*$")]
     split: Annotated[str, Meta(pattern=rf"^(?:{SPLIT_NAME.pattern})?\Z")] = ""  # empty for none
@@ -127,7 +127,7 @@ class Record(Asked, frozen=True, kw_only=True):
 
     @property
     def inputs(self) -> Stamps:
-        """The stamps of the inputs by role."""
+        """The stamps of the inputs (path, size, time and hash) by role."""
         return self.end.inputs
 
     @property

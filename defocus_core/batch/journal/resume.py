@@ -40,19 +40,19 @@ from defocus_core.system.text import version
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the resolution of times of any file system
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
-# Where OUT is, and where a lens stands, not what it is; labels are among the inputs.
+# Fields that are only places of files and options, or, like labels, are known from the inputs.
 _PLACES = ("root", "overwrite", "labels", "focus_source", *LENS_FILES)
 _PLAIN = frozenset({str, int, bool, type(None)})
 
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
 def _plain(value: LensValues | Reading | Outputs) -> dict[str, Any]:
-    """A part of a job as JSON values, without paths and places."""
+    """A part of a job as a dictionary for JSON, without paths and places."""
     return {k: v for k, v in plain(value).items() if k not in _PLACES}
 
 
 def settings(job: Job) -> dict[str, Any]:
-    """The settings of a job as JSON values, without inputs, output folder and machine."""
+    """The settings of a job as a dictionary for JSON, without inputs, output folder and machine."""
     found: dict[str, Any] = {
         "stem": job.picture.stem,
         "suffix": job.suffix,
@@ -145,7 +145,7 @@ def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON values: dataclasses become dictionaries without defaults, paths text."""
+    """Convert a value for JSON; dataclasses become dictionaries without the default values."""
     if type(value) in _PLAIN:  # most are
         return value
     if isinstance(value, float):

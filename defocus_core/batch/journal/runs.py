@@ -1,9 +1,9 @@
 """Runs of a batch: their lock files, their notes of unfinished jobs, and files of killed runs.
 
 ``.journal.lock`` locks the whole output folder OUT, ``.journal-2of8.lock`` a shard of the batch.
-The system releases a lock when its process ends, in whatever way. Shards may run at the same time
-only if they are parts of the same number. Until a run has done all its jobs, their names are noted
-in ``OUT/.journal.run``.
+The system releases a lock when its process ends, in whatever way. Shards may only run at the same
+time if the batch is divided into the same number of them. Until a run has done all its jobs, their
+names are noted in ``OUT/.journal.run``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ PATIENCE = 0.2  # seconds to wait for a holder that only tests the lock
 _HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,100}")
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # errors of file systems without locks
 Check = Callable[[], None]
-INDEX, SHARDS_FOLDER = "metadata.jsonl", "shards"  # temporary files of a data set and of its tars
+INDEX, SHARDS_FOLDER = "metadata.jsonl", "shards"  # index of a data set, folder of its tars
 
 
 def lock_path(out: Path, shard: Shard | None = None) -> Path:
@@ -97,11 +97,7 @@ def is_held_by(out: Path, words: str) -> bool:
 
 @contextmanager
 def _held(path: Path) -> Iterator[int]:
-    """Hold a lock file during the block, then remove it; yields its file descriptor.
-
-    Raises:
-        InputError: Another process holds it.
-    """
+    """Hold a lock file during the block, and yield its descriptor; refuses one held by another."""
     end = time.monotonic() + PATIENCE
     try:
         while (number := _try_lock(path)) is None:
@@ -157,10 +153,9 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
-    """Write the note of a run, and return its path.
+    """Write the note of a run, with the number of older records of each sample; returns its path.
 
-    `jobs` is the number of older records of each sample to be done. A run on the whole of `out`
-    replaces the notes of shards.
+    A run on the whole of `out` replaces the notes of shards.
     """
     path = run_path(out, shard)
     with written_whole(path) as file:
@@ -206,9 +201,9 @@ def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:
 
 
 def refuse_other_division(out: Path, own: Shard) -> None:
-    """Raise InputError if `out` has journals of shards of another number of parts.
+    """Raise InputError if `out` has journals of a batch divided into another number of shards.
 
-    The order of their records would be unknown.
+    It would be unknown which of their records are newer.
     """
     for shard in shards(out):
         if shard.of != own.of and journal_path(out, shard).exists():

@@ -33,13 +33,7 @@ SEEN = 60.0  # seconds until a file of a worker is seen: NFS refreshes folders t
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
-    """Return a function that carries out jobs on a Dask scheduler.
-
-    `threads` is the number of threads for each job, 1 if None.
-
-    Raises:
-        UsageProblem: The address is invalid, or Dask is not installed.
-    """
+    """Return a function that does jobs on a Dask scheduler, with `threads` for each job or 1."""
     if "://" not in address:
         problem = f"'{address}' is not a scheduler"
         remedy = "use local, or one like tcp://head:8786"
@@ -82,14 +76,12 @@ class _Cluster:
         self.trusted = set[str]()  # workers whose files this process has seen
 
     def has_room(self) -> bool:
-        """Whether another chunk can be submitted."""
         workers = len(self.client.scheduler_info(n_workers=-1)["workers"])
         if not workers and not self.flight:
             note(f"{self.address}: has no workers; waiting for some")
         return len(self.flight) < AT_ONCE * max(1, workers)
 
     def submit(self, chunk: Chunk) -> None:
-        """Submit a chunk to the scheduler."""
         job = chunk[0][1]
         key = f"{job.sample_id}-{resume.recipe(job)}-{next(self.serial)}"
         jobs = [_absolute(job) for _, job in chunk]
@@ -140,7 +132,6 @@ class _Cluster:
         """Do nothing, as submitted chunks are finished in any case."""
 
     def close(self) -> None:
-        """Cancel all submitted chunks."""
         self.client.cancel(list(self.flight))
 
     def _unlike(self, problem: str) -> InputError:
@@ -151,8 +142,7 @@ class _Cluster:
 def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
     """Do jobs on a Dask worker; returns versions, results and the name of the worker.
 
-    There are no results if no lock file in the output folder names the `leader`, the process that
-    runs the batch.
+    Without a lock file of the process `leader` in the output folder, there are no results.
     """
     from distributed import get_worker
 

@@ -79,7 +79,7 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
 
 
 def write(take: Take | Failed) -> Completed | Failed:
-    """Write the outputs of a job, safe on disk when this returns; a failure is just passed on."""
+    """Write the outputs of a job, safe on disk when this returns; returns a failure as it is."""
     if isinstance(take, Failed):
         return take
     start = time.perf_counter()
@@ -124,12 +124,8 @@ def execute(
 ) -> None:
     """Do the jobs of a batch in this process, without threads if there is only one.
 
-    Args:
-        chunks: The jobs, with their numbers.
-        done: Function that is called with the number and the outcome of each job.
-        stopped: Tells whether to begin no further job.
-        progress: Function that is called with the number of finished tiles and of all tiles, if
-            there is only one job.
+    ``done`` is called with number and outcome of each job; `stopped` tells whether to begin no
+    more. `progress` is called with the numbers of finished tiles and of all tiles of an only job.
     """
     plain_path.load()
     jobs = chain.from_iterable(chunks)

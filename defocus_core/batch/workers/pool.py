@@ -229,11 +229,9 @@ class _Worker:
 
     @property
     def has_room(self) -> bool:
-        """Whether the process accepts another chunk."""
         return self.ready and not self.stopping and len(self.flight) < AT_ONCE
 
     def send(self, chunk: Chunk) -> None:
-        """Send jobs to the process."""
         self.flight |= dict(chunk)
         with suppress(OSError):  # it is dead; `collect` handles it
             for numbered in chunk:
@@ -247,7 +245,6 @@ class _Worker:
                 self.connection.send(None)
 
     def kill(self) -> None:
-        """End the process at once."""
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)

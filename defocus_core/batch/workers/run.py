@@ -45,8 +45,8 @@ MAX_IN_A_CHUNK = 8
 class Execution:
     """How to carry out a batch."""
 
-    # Does jobs; called with chunks of them, with a function to call with the number and end of each
-    # job, and with a function that tells whether to stop
+    # execute(chunks, done, stopped) does jobs: it calls done(number, end) after each job, and
+    # begins no more when stopped() is true
     execute: Execute
     shard: Shard | None = None  # the part of the batch; None for the whole
     limit: int | None = None  # greatest number of jobs
@@ -68,8 +68,8 @@ _numbers = partial(array, "I")
 class Plan:
     """The jobs of a run, and which of them to do.
 
-    Lists of jobs hold their indices in `jobs`: settled ones are finished or kept, due ones are done
-    now, later ones exceed the limit of this run.
+    Jobs are `settled` (finished or kept), `due` (to be done now) or `later` (beyond the limit of
+    the run); these arrays hold indices in `jobs`.
     """
 
     jobs: Sequence[Job]
@@ -99,11 +99,7 @@ class Plan:
 
 @without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
-    """Find out which jobs to do.
-
-    Raises:
-        InputError: A job would replace a file that is not an older output of it.
-    """
+    """Find out which jobs to do; refuses to replace files other than their own older outputs."""
     refuse_misplaced(jobs)
     if execution.has_index:
         from defocus_core.batch.datasets import update
@@ -195,12 +191,10 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 
 
 def _refuse_to_replace(plan: Plan, begun: Collection[str], *, keep_lenses: bool) -> None:
-    """Raise InputError if a job to be done would replace a file that is not an older output of it.
+    """Raise InputError if a job to be done would replace a file other than its own older output.
 
-    Args:
-        plan: The plan.
-        begun: Samples of interrupted runs, whose files may be replaced without a record.
-        keep_lenses: Whether outputs of another lens must not be replaced either.
+    `begun`: samples of interrupted runs, whose files are replaced without a record; `keep_lenses`:
+    refuse to replace outputs of another lens, too.
     """
     ledger, unknown, journal = plan.ledger, list[Path](), ""
     for job in plan.jobs_of(plan.due, plan.later):
@@ -345,7 +339,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index if anything changed: of the `asked` samples, or those of the old index."""
+    """Write the index, if anything changed, with the `asked` samples or those of the old index."""
     plan, summary, execution = state.plan, state.summary, state.execution
     out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:
@@ -417,7 +411,6 @@ class _State:
         self.summary.interrupted = self.interrupts.asked
 
     def stopped(self) -> bool:
-        """Whether to begin no further job."""
         return self.stopping or self.interrupts.asked
 
     def chunks(self) -> Iterator[Chunk]:
@@ -437,10 +430,8 @@ class _State:
     def done(self, number: int, end: End, append: Callable[[Record], None]) -> Record:
         """Count an ended job and append its record to the journal; returns the record.
 
-        With `Execution.raises`, a failed job is not recorded, but its error is kept.
-
-        Raises:
-            InputError: No space is left on the disk.
+        With `Execution.raises`, a failed job is not recorded, but its error is kept. InputError is
+        raised if no space is left on the disk.
         """
         record, summary = self.record(number, end), self.summary
         if isinstance(end, Failed) and self.execution.raises:
@@ -463,7 +454,6 @@ class _State:
         return record
 
     def record(self, number: int, end: End) -> Record:
-        """Make the record of an ended job."""
         job, out = self.plan.jobs[number], self.plan.ledger.out
         places = {role: input_path(path, out) for role, path in job.files.items()}
         inputs = {r: copy(end.inputs.get(r, Stamp()), path=place) for r, place in places.items()}

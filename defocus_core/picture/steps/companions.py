@@ -39,13 +39,13 @@ from defocus_core.system.text import counted, note
 
 
 def window_of_plate(wanted: InputPair) -> InputPair:
-    """Step: limit the overscan of an element to that of its plate."""
+    """Limit the overscan of an element to that of its plate."""
     below = _wanted(wanted)
     return replace(wanted, limit=overscan_of(below))
 
 
 def read_plate(take: Take) -> Take:
-    """Step: read the plate of an element, and make layers of both."""
+    """Read the plate of an element, and make layers of both."""
     picture, inputs = take.job.picture, take.inputs
     if picture.hidden is not None:
         remedy = "the plate is what lies behind"
@@ -68,7 +68,7 @@ def read_plate(take: Take) -> Take:
 
 
 def radii_of_both(take: Take) -> Take:
-    """Step: show the radii of the plate in maps where the element is empty."""
+    """Show the radii of the plate in maps where the element is empty."""
     plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
     assert plate is not None
     below, shown = radii_of(take.lens, plate.depth), own.px
@@ -145,7 +145,7 @@ def _far_away(wanted: InputPair) -> InputPair:
 
 
 def read_hidden(take: Take) -> Take:
-    """Step: read the hidden layer."""
+    """Read the hidden layer: colour and depth of the surfaces behind the visible ones."""
     hidden, color = take.job.picture.hidden, take.inputs.color
     wanted = InputPair.from_job(take.job)
     assert hidden is not None
@@ -163,7 +163,7 @@ def read_hidden(take: Take) -> Take:
 
 
 def show_hidden(surfaces: Surfaces) -> Surfaces:
-    """Step: add the hidden layer to the scene; it is unknown where depth is inf and colour 0."""
+    """Add the hidden layer to the scene; it is unknown where depth is inf and colour 0."""
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
@@ -176,7 +176,7 @@ def show_hidden(surfaces: Surfaces) -> Surfaces:
 
 
 def read_matte(take: Take) -> Take:
-    """Step: read the matte, from its file or from inside a photograph, if anything is rendered."""
+    """Read the matte, from its file or from inside a photograph, if anything is rendered."""
     picture, color = take.job.picture, take.inputs.color
     if picture.over is not None and picture.matte is None:
         return take
@@ -197,7 +197,7 @@ def read_matte(take: Take) -> Take:
 
 
 def show_matte(surfaces: Surfaces) -> Surfaces:
-    """Step: add the matte to the scene."""
+    """Add the matte to the scene."""
     take = surfaces.take
     return replace(surfaces, matte=map_on(take.inputs.matte, take.device))
 

@@ -1,7 +1,6 @@
 """Deep pictures: make layers for the renderer from the samples of each pixel.
 
-The colour of the inputs remains that of the flattened picture, their depth that of the first
-surface.
+Of the inputs, colour remains that of the flattened picture, and depth that of the first surface.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from defocus_core.system.text import counted
 
 
 def read(take: Take) -> Take:
-    """Step: make layers of the picture and of its plate and holdout, if any."""
+    """Make layers of the picture and of its plate and holdout, if any."""
     inputs, plate = take.inputs, take.inputs.plate
     wanted = InputPair.from_job(take.job)
     picture = wanted.picture

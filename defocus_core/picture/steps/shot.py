@@ -29,7 +29,7 @@ _KEPT = 1 << 12  # cached findings of frames, which later frames share
 
 
 def lens(take: Take) -> Take:
-    """Step: set the focus, which frames of a shot share if it is found from depth."""
+    """Set the focus, which the frames of a shot share if it is found from depth."""
     job, lens, depth = take.job, take.job.lens, take.inputs.depth
     assert job.shot is not None
     frames = job.shot.sample if job.shot.shares_focus else ()
@@ -46,7 +46,7 @@ def lens(take: Take) -> Take:
 
 
 def radii(take: Take) -> Take:
-    """Step: set the repair of depth that the frames of a shot share."""
+    """Set the repair of depth that the frames of a shot share."""
     from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.depth.shot_repair import agreed_repair, repair_through
 
@@ -90,7 +90,7 @@ def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> f
 def _repair_of(
     frame: FrameLens, reading: Reading, lens_focal: float | None
 ) -> tuple[DepthRepair, float]:
-    """The repair that the depth of a frame needs; and its radius in px per disparity of 1/mm."""
+    """The repair that the depth of a frame needs; and the radius in px of a disparity of 1/mm."""
     import torch
 
     from defocus_core.depth.repair import repair_depth

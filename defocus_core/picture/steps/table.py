@@ -22,7 +22,7 @@ class Step(Generic[T]):
     """An optional step: a function that changes the data of a stage, if a condition holds."""
 
     name: str  # name of its function, in a module beside or above this one
-    applies: Callable[[T], object]  # tells from the subject of the stage whether the step applies
+    applies: Callable[[T], object]  # whether the step applies to the data of its stage
 
     @property
     def function(self) -> Callable[[T], T]:
@@ -105,7 +105,7 @@ PAIR: tuple[Step[InputPair], ...] = (
     Step("pair:resized", lambda p: p.differs),
     Step("element:empty_where_clear", lambda p: p.color.alpha is not None),
 )
-# What belongs to a picture.
+# Further inputs of a picture.
 READ: tuple[Step[Take], ...] = (
     Step("steps.companions:read_plate", lambda t: t.job.picture.over),
     Step("steps.companions:read_matte", _has_matte),
@@ -115,12 +115,12 @@ READ: tuple[Step[Take], ...] = (
         lambda t: t.job.outputs.need_rendering and t.job.picture.hidden,
     ),
 )
-# The focus, by all frames of a shot or by the picture.
+# The focus, found from all frames of a shot or from the picture.
 LENS: tuple[Step[Take], ...] = (
     Step("steps.shot:lens", _frames_focus),
     Step("focus:find_focus", _lens_is_found),
 )
-# Radii: those of a plate stand where its element is empty, and frames repair depth together.
+# Radii: maps show those of a plate where its element is empty; frames share the repair of depth.
 RADII: tuple[Step[Take], ...] = (
     Step("steps.companions:radii_of_both", lambda t: t.inputs.plate),
     Step("radii:doubt_depth", _may_doubt),
@@ -137,7 +137,7 @@ SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:light_lamps", lambda s: s.take.lens.highlights),
     Step("steps.companions:show_hidden", lambda s: s.take.inputs.hidden),
 )
-# Renderings of the scene: colours that focus apart; of layers, alpha is the coverage.
+# Renderings of the scene: colours may focus at other distances; alpha of layers is their coverage.
 PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
     Step("scene:pass_colors", lambda p: p[0].take.lens.axial_color),
     Step("scene:pass_coverage", lambda p: p[0].take.inputs.layers),
