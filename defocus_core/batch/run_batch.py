@@ -91,8 +91,8 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
     """The jobs of a batch, to inspect or select some of them before `run_batch`.
 
     Args:
-        jobs: The path of a jobs file; or its tables, like ``{"inputs": {"color": …, "depth": …},
-            "lens": {…}}``; or jobs, which are changed to write to ``out``.
+        jobs: The path of a jobs file; or its tables, like ``{"inputs": {…}, "lens": {…}}``; or
+            jobs, which are changed to write to ``out``.
         out: Directory to write to.
         overwrite: Whether `run_batch` should do finished jobs again.
 
@@ -161,9 +161,9 @@ def run_batch(
             ``status``, ok or failed, and in ``end`` the outcome.
 
     Returns:
-        A summary: the number of all ``jobs``, of those ``skipped`` as finished before, and of those
-            ``left``; the number of ended jobs by ``statuses``, ok and failed, and of failed ones by
-            ``reasons``; and the ``seconds`` taken.
+        A summary with the numbers of all ``jobs``, of those ``skipped`` as finished before and of
+        those ``left``; of ended jobs by ``statuses``, ok and failed, and of failed ones by
+        ``reasons``; and the ``seconds`` taken.
 
     Raises:
         InputError: A file cannot be read, or an output would replace a file of another program.

@@ -33,7 +33,7 @@ class DepthTarget:
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
-    """The output path for each depth file: `out` if it ends in .exr, else ``out/<stem>.exr``."""
+    """The files to write for each depth file: `out` if it ends in .exr, else ``out/<stem>.exr``."""
     if (suffix := out.suffix.lower()) in PICTURES - {".exr"}:
         problem = f"ends in {suffix}, and depth is written as EXR"
         remedy = "end it in .exr, or name a directory"

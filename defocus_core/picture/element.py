@@ -118,7 +118,8 @@ def _evidence(depth: Depth, alpha: Any) -> _Edges:
 def _fill_edges(depth: Depth, alpha: Any) -> tuple[int, int]:
     """Replace depth at edges of an element by that of the object, in place.
 
-    Returns the number of edge pixels changed; and the number of those that remain averages.
+    Returns the number of edge pixels changed; and the number of those left as averages of object
+    and background.
     """
     metres, fraction, lost = depth.metres, np.asarray(alpha, np.float32), 0
     solid = min(1.0, float(np.max(alpha)))

@@ -64,7 +64,7 @@ def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
 
 
 def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
-    """Index (rows, columns) of a pixel in arrays with overscan; refuses one outside, or empty."""
+    """Index (rows, columns) of a pixel in arrays with overscan; refuses outer and empty pixels."""
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.with_field("focus-at")
     if not (0 <= x < width and 0 <= y < height):

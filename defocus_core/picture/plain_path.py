@@ -230,7 +230,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
 
 
 def _doubts(take: Take, stats: Mapping[str, float]) -> Iterator[str]:
-    """Warn if the option edge-width has no effect, or if left or right are often negative."""
+    """Warn of an edge-width without effect, and of many negative pixels in left or right."""
     width = take.job.reading.edge_width
     is_repaired = take.repair is not None and take.repair.fraction
     if width is not None and not (is_repaired or take.inputs.plate):

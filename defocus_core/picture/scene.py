@@ -110,7 +110,7 @@ def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
 
 
 def repair_surfaces(surfaces: Surfaces) -> Surfaces:
-    """Repair the radii of all surfaces, as their depth needs; `repair` describes the first."""
+    """Repair the radii of all surfaces; the field `repair` records the repair of the first."""
     from defocus_core.depth.repair import repair_depth
 
     take, longer = surfaces.take, surfaces.take.longer_axis

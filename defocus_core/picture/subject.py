@@ -146,7 +146,7 @@ def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
 
 
 def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
-    """The range of depth numbers of the surface at a pixel; None if it is empty.
+    """The range of depth numbers of the surface at a pixel; None if there is only one number.
 
     The surface consists of upright pixels of similar disparity that are connected with the pixel.
     If nothing is upright, it is a part of the floor.
@@ -240,7 +240,7 @@ def with_blur_and_focus(
 
 
 def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
-    """Set ``invert`` if near pixels of relative depth are black; returns the reason as text."""
+    """The reading options with ``invert`` set if black is near; and the evidence for it as text."""
     shown = white_is_near(depth)
     if abs(shown) < _EVEN:
         return reading, "; white is taken as near, add ‹invert› if black is"

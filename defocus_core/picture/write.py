@@ -241,7 +241,10 @@ def _write_preview(path: Path, contents: Contents) -> None:
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:
-    """The attributes ``defocus:*`` of an EXR output; no folders or time, so equal jobs agree."""
+    """The attributes ``defocus:*`` of an EXR output.
+
+    They hold no folders and no time, so that a job that is done again writes the same bytes.
+    """
     job, lens = take.job, take.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()

@@ -153,9 +153,9 @@ def compression(text: str) -> str:
 
 
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
-    """The format, like png16, of a file of this kind with this suffix; None if it cannot be.
+    """The format, like png16, of a file with this suffix; None if this kind cannot have it.
 
-    `given` is the format that the user asked for, if any, which must have the same suffix.
+    `given` is the format that the user requested, if any; it must have this suffix.
     """
     word = suffix.lower().removeprefix(".")
     word = FORMAT_ALIASES.get(word, word)

@@ -2,8 +2,8 @@
 
 Everything that shows or reads a lens option is made from its row: options of commands, keys of TOML
 files, columns of lists, sweeps, keyframes, records, file headers, and commands in reports.
-`LensValues` holds the values. They take effect in `picture.opening` (the pupil), `picture.radii`
-(the blur radii), or an optional step of `picture`.
+`LensValues` holds the values. The options take effect in `picture.opening` (the pupil),
+`picture.radii` (the blur radii), or an optional step of `picture`.
 """
 
 from __future__ import annotations

@@ -317,7 +317,7 @@ def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
 def _pair(
     first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
 ) -> Callable[[str], tuple[float, float]]:
-    """Make a parser of two quantities separated by a colon; other arguments are for its error."""
+    """Make a parser of two quantities with a colon; `problem` and `remedy` describe its error."""
 
     def parse(text: str) -> tuple[float, float]:
         words = text.split(":")

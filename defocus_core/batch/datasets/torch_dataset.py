@@ -58,8 +58,8 @@ class BatchDataset(Dataset[Item]):
         Args:
             out: The output folder of the batch.
             kinds: Kinds of output, like render, left, right or coc; also image and depth if the
-                batch has ``inputs = "copy"``, and labels, files that were copied along, as they
-                are.
+                batch has ``inputs = "copy"``; and labels (files copied along), whose numbers stay
+                as they are.
             split: Name of a split; None for all samples.
             crop: Height and width in px of a random crop, or one number for a square. None for
                 whole pictures, which a loader can only batch if all have the same size.

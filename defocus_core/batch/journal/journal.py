@@ -204,7 +204,7 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """How a job ended: status, reason if it failed, and the back, torch or compiled, if not."""
+    """How a job ended: status, then reason if it failed, or the back that rendered if it is ok."""
 
     status: str
     reason: str | None

@@ -97,7 +97,7 @@ def is_held_by(out: Path, words: str) -> bool:
 
 @contextmanager
 def _held(path: Path) -> Iterator[int]:
-    """Hold a lock file during the block, and yield its descriptor; refuses one held by another."""
+    """Lock a file during the block and yield its descriptor; InputError names another holder."""
     end = time.monotonic() + PATIENCE
     try:
         while (number := _try_lock(path)) is None:
@@ -187,7 +187,10 @@ def begun_samples(out: Path, shard: Shard | None) -> set[str]:
 
 
 def sweep_up(out: Path, labels: Iterable[str] = ()) -> None:
-    """Remove temporary files of killed processes. The caller must hold the lock of `out`."""
+    """Remove temporary files of killed processes; `labels` are further folders to search.
+
+    The caller must hold the lock of `out`.
+    """
     below = Folder(out)
     # Those of the index and shards, written without the lock, stay while their process lives.
     found = [(folder, left_in(out / folder)) for folder in ("", SHARDS_FOLDER)]

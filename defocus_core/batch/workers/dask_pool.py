@@ -33,7 +33,7 @@ SEEN = 60.0  # seconds until a file of a worker is seen: NFS refreshes folders t
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
-    """Return a function that does jobs on a Dask scheduler, with `threads` for each job or 1."""
+    """Return a function that does jobs on a Dask scheduler; each job uses `threads`, 1 if None."""
     if "://" not in address:
         problem = f"'{address}' is not a scheduler"
         remedy = "use local, or one like tcp://head:8786"

@@ -99,7 +99,7 @@ class Plan:
 
 @without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
-    """Find out which jobs to do; refuses to replace files other than their own older outputs."""
+    """Find out which jobs to do; refuses jobs that would replace files other than older outputs."""
     refuse_misplaced(jobs)
     if execution.has_index:
         from defocus_core.batch.datasets import update

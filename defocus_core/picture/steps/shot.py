@@ -90,7 +90,7 @@ def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> f
 def _repair_of(
     frame: FrameLens, reading: Reading, lens_focal: float | None
 ) -> tuple[DepthRepair, float]:
-    """The repair that the depth of a frame needs; and the radius in px of a disparity of 1/mm."""
+    """The repair that the depth of a frame needs; and radius in px per disparity of 1/mm."""
     import torch
 
     from defocus_core.depth.repair import repair_depth
