@@ -9,7 +9,7 @@ import click
 from defocus_cli.options.job import reading_options
 from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, output_option
 from defocus_cli.words import console
-from defocus_core.picture.depth_conversion import convert, places, refuse_existing
+from defocus_core.picture.depth_conversion import convert, refuse_existing, targets
 from defocus_core.request.job import Reading
 from defocus_core.system.text import counted
 
@@ -50,7 +50,7 @@ def command(
       defocus depth disparity.png --depth-kind disparity --depth-range 2m 50m -o depth.exr
       defocus depth frames/*.png --depth-format vkitti2 -o depths --preview
     """  # noqa: D301  click reads the backspace
-    wanted = places(files, out, preview=preview)
+    wanted = targets(files, out, preview=preview)
     refuse_existing(wanted, overwrite=overwrite)
     failures = console.Failures()
     records = []

@@ -32,7 +32,7 @@ class DepthTarget:
     preview: Path | None
 
 
-def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
+def targets(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
     """The files to write for each depth file: `out` if it ends in .exr, else ``out/<stem>.exr``."""
     if (suffix := out.suffix.lower()) in PICTURES - {".exr"}:
         problem = f"ends in {suffix}, and depth is written as EXR"

@@ -161,7 +161,7 @@ class Take:
         """
         return aperture_in_pixels(self.lens, self.inputs.color.pixel_aspect)[1]
 
-    def reading(self, **changes: Any) -> Take:
+    def with_inputs(self, **changes: Any) -> Take:
         """The take with some fields of its `inputs` replaced."""
         return replace(self, inputs=replace(self.inputs, **changes))
 

@@ -59,7 +59,7 @@ def read_plate(take: Take) -> Take:
     nowhere = any(each is None for each in empty)
     alpha = tuple(coverage(c.planes[0].shape, c.alpha) for c in pictures)
     depths, colors = (inputs.depth, plate.depth), len(inputs.color.light)
-    return take.reading(
+    return take.with_inputs(
         plate=plate,
         layers=Layers(light, alpha, depths, colors, pictures=pictures),
         empty=None if nowhere else np.logical_and(*empty),
@@ -159,7 +159,7 @@ def read_hidden(take: Take) -> Take:
         raise InputError("wrong-size", problem, "give ‹hidden› of the same kind", path=hidden.color)
     refuse_other_primaries(behind.path, behind.attributes, color.attributes, "the picture")
     warnings = (f"hidden: {warning}" for warning in behind.warnings)
-    return take.reading(hidden=(behind, depth), warnings=(*take.inputs.warnings, *warnings))
+    return take.with_inputs(hidden=(behind, depth), warnings=(*take.inputs.warnings, *warnings))
 
 
 def show_hidden(surfaces: Surfaces) -> Surfaces:
@@ -193,7 +193,7 @@ def read_matte(take: Take) -> Take:
         note(f"defocus: {path}: the matte of a person inside it is used, or give ‹matte› FILE")
     else:
         return take
-    return take.reading(matte=_coverage(path, values, color.size, color.overscan))
+    return take.with_inputs(matte=_coverage(path, values, color.size, color.overscan))
 
 
 def show_matte(surfaces: Surfaces) -> Surfaces:

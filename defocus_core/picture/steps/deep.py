@@ -43,7 +43,7 @@ def read(take: Take) -> Take:
         layers = layers.hold_out(_holdout(hiding), black)
     layers = layers.cut()
     note = f"{inputs.color.note}, {layers.words}"
-    return take.reading(
+    return take.with_inputs(
         color=replace(inputs.color, note=note), layers=None if layers.is_flat else layers
     )
 
