@@ -122,14 +122,14 @@ def carry_out(
 ) -> None:
     """Do jobs, or show what is to be done; report, write the contact sheet, and end the command."""
     is_batch = execution.has_index
-    if dry_run:
-        plan = run.make_plan(jobs, out, execution)
-        report_plan(plan, processes, each=verbose or not is_batch, as_json=as_json)
-        return
     if contact is not None:
         from defocus_core.reports.sheets import require_room, write_contact_sheet
 
         require_room(jobs)
+    if dry_run:
+        plan = run.make_plan(jobs, out, execution)
+        report_plan(plan, processes, each=verbose or not is_batch, as_json=as_json)
+        return
     report = BatchReport(
         each=verbose or not is_batch, keep=as_json, verbose=verbose, raises=execution.raises
     )

@@ -69,9 +69,9 @@ def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.
     try:
         return CatEye(rim, distance * tangent, lens.vignetting, pixel_aspect)
     except ValueError as error:
-        maximum = 0.9 * rim / tangent
+        maximum = 0.895 * rim / tangent  # rounding to 3 digits stays below 0.9
         problem = f"hides the middle of the opening in the corners: {reason(error)}"
-        remedy = f"give a distance of {maximum:.2g} at most with this lens"
+        remedy = f"give a distance of {maximum:.3g} at most with this lens"
         raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
 

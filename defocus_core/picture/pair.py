@@ -207,7 +207,8 @@ def of_arrays(job: Job, arrays: Arrays) -> Inputs:
     if matte is not None:
         matte = unit(matte) if matte.dtype.kind == "u" else np.asarray(matte, np.float32)
         if matte.shape != size or not ((matte >= 0) & (matte <= 1)).all():
-            raise ValueError(f"matte must be {list(size)} in 0 to 1, got {list(matte.shape)}")
+            got = f"{list(matte.shape)} in {matte.min():g} to {matte.max():g}"
+            raise ValueError(f"matte must be {list(size)} in 0 to 1, got {got}")
     held = sum(plane.nbytes for plane in (*color.planes, depth.metres)) / memory.MB
     held *= 1 + (hidden is not None) + len(job.outputs.kinds)
     said = (*color.warnings, *depth.warnings)
@@ -224,9 +225,9 @@ def _pair_of_arrays(job: Job, color: NDArray[Any], depth: NDArray[Any]) -> tuple
         raise ValueError(f"color must be [H, W, C] and depth [H, W], got {got}")
     pixels = color if color.ndim == 3 else color[:, :, None]
     channels = PLAIN_CHANNELS.get(pixels.shape[2])
-    if channels is None or pixels.dtype.kind == "i" or pixels.dtype.itemsize > 8:
+    if channels is None or pixels.dtype.str[1:] not in ("u1", "u2", "f2", "f4", "f8"):
         problem = f"is of {pixels.shape[2]} channels of {pixels.dtype}"
-        remedy = "give 1 to 4 channels of floats, uint8 or uint16"
+        remedy = "give [H, W, C] of 1 to 4 channels, of floats, uint8 or uint16"
         raise InputError("wrong-type", problem, remedy, path=job.picture.color)
     alpha = unit(pixels[:, :, -1:]) if channels[-1] == "A" else None
     whole = pixels.dtype.kind == "u"

@@ -73,7 +73,9 @@ def test_a_contact_sheet_shows_what_is_done_to_one_who_asks_later(tmp_path, out)
     assert not (out / "contact.png").exists()
     told = run("batch", path, "-o", out, "--contact", "2", "--json").json
     assert str(out / "contact.png") in told["written"]
-    refused(run("batch", jobs_file(tmp_path), "-o", out, "--contact", "2"), 2, "idle-option")
+    for dry in ((), ("--dry-run",)):
+        maps = run("batch", jobs_file(tmp_path), "-o", out, "--contact", "2", *dry)
+        refused(maps, 2, "idle-option")
 
 
 def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(tmp_path, out):

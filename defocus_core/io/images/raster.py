@@ -44,6 +44,7 @@ _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b
 # columns.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
+_LAB = (8, 9, 10)  # of PhotometricInterpretation: decoded as if it were RGB
 HEIC_DAMAGE = "is a damaged HEIC file"
 OWN = "defocus:"  # prefix of attributes that say how defocus made a file
 OWN_CHANNEL = "DocumentName"  # tag of a TIFF written by defocus that names its only channel
@@ -200,7 +201,10 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     spec = file.spec()
     width, height = spec.width, spec.height
     check_size(path, width, height, spec.pixel_bytes(True))
-    if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
+    stored = spec.get_int_attribute("tiff:PhotometricInterpretation", 1)
+    if stored in _LAB:
+        raise InputError("unsupported", "stores L*a*b*", "save it as RGB", path=path)
+    if stored == 0 and spec.format != "uint8":
         problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
         raise InputError("unsupported", problem, "save it with black as 0", path=path)
     orientation = spec.get_int_attribute("Orientation", 1)

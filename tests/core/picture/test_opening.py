@@ -29,3 +29,14 @@ def test_a_blur_in_px_has_the_rim_of_a_lens_of_50_mm_and_axial_colour_as_a_share
     lens = opening.cat_eye_of(lens_values(50.0, 1.4, 2000.0, cat_eye=(1.05, 1.5)), (300, 200))
     assert opening.cat_eye_of(blur, size) == lens
     assert color_offsets(blur, size) == (-2.0, 4.0)
+
+
+@pytest.mark.parametrize("height", [1, 2, 30, 300, 7000])
+def test_the_distance_that_is_proposed_for_a_rim_is_one_that_it_takes(height):
+    def looking(distance):
+        lens = lens_values(8.0, 1.4, 2000.0, cat_eye=(1.05, distance))
+        return opening.cat_eye_of(lens, (300, height))
+
+    with refuses("malformed") as caught:
+        looking(5.0)
+    looking(float(caught.value.remedy.split()[4]))

@@ -158,12 +158,13 @@ def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path):
         read_color(path, part=2)
 
 
-def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path):
-    path = save(tmp_path / "a.tif", integers(16, 1))
+@pytest.mark.parametrize(("bits", "channels", "own", "other"), [(16, 1, 1, 0), (8, 3, 2, 8)])
+def test_white_as_0_beyond_8_bit_and_lab_are_refused(bits, channels, own, other, tmp_path):
+    path = save(tmp_path / "a.tif", integers(bits, channels))
     data = path.read_bytes()
-    black_is_0 = struct.pack("<HHII", 262, 3, 1, 1)
-    assert black_is_0 in data
-    path.write_bytes(data.replace(black_is_0, struct.pack("<HHII", 262, 3, 1, 0)))
+    photometric = struct.pack("<HHII", 262, 3, 1, own)
+    assert photometric in data
+    path.write_bytes(data.replace(photometric, struct.pack("<HHII", 262, 3, 1, other)))
     with refuses("unsupported", path=path):
         read_color(path)
 
