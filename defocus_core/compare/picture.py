@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.array_files import NAMED, array_type, read_map
+from defocus_core.io.array_files import NAMED, array_of, array_type, read_map
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.deep_samples import read_deep_samples
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
@@ -118,14 +118,10 @@ def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:
 
 def planes_of(image: Any) -> dict[str, Any]:
     """Channels [H, W], half or float, of an array or a tensor; integers (sRGB) become linear."""
+    values = np.asarray(array_of(image))
     if hasattr(image, "detach"):  # a tensor, whose channels come first
-        values = np.asarray(image.detach().cpu().numpy())
         values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values
         values = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
-    else:
-        values = np.asarray(image)
-    if values.dtype.kind not in "fiub":
-        raise ValueError(f"image must have real numbers, got {values.dtype}")
     shown = values.dtype in (np.uint8, np.uint16)  # in the order of files
     if shown:
         values = values / np.float32(np.iinfo(values.dtype).max)

@@ -24,7 +24,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError
+from defocus_core.errors import InputError, reason
 from defocus_core.io.read_files import AGAIN, check_size, damaged, decoding, needs_extra, read_head
 from defocus_core.system.text import times
 
@@ -50,6 +50,19 @@ _HEAD = 32  # bytes
 _NUMERIC = "fiu"  # kinds of NumPy types
 _MAX_ARRAYS = 4096
 _LONGEST_HEADER = 2**16  # bytes
+
+
+def array_of(values: Any) -> NDArray[Any]:
+    """The real numbers of an array or a tensor in memory, as they are."""
+    try:
+        held = values.detach().cpu().numpy() if hasattr(values, "detach") else values
+        array: NDArray[Any] = np.asanyarray(held)
+    except (TypeError, RuntimeError) as error:  # a tensor of a type or layout that NumPy lacks
+        raise ValueError(f"pictures are arrays of numbers: {reason(error)}") from None
+    if array.dtype.kind not in "uifb" or np.ma.is_masked(array):
+        got = "masked ones; fill them" if array.dtype.kind in "uifb" else array.dtype
+        raise ValueError(f"pictures are arrays of numbers, got {got}")
+    return array
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from defocus_core import gone
 from defocus_core.errors import DefocusError, UsageProblem, did_you_mean
+from defocus_core.io.array_files import array_of
 from defocus_core.io.depth_formats import depth as depth_files
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.reading import KINDS, DepthReading
@@ -192,7 +193,11 @@ def write_image(
         UsageProblem: A suffix of no known format, or an option out of its range.
         ValueError: The array has another shape.
     """
-    image = np.asarray(pixels, np.float32)
+    image = array_of(pixels)
+    if image.dtype.kind != "f":
+        remedy = "decode integers to linear light first, as read_color does"
+        raise ValueError(f"pixels must be floats, got {image.dtype}; {remedy}")
+    image = np.asarray(image, np.float32)
     image = image[:, :, None] if image.ndim == 2 else image
     if channels is None and image.ndim == 3:
         channels = PLAIN_CHANNELS.get(image.shape[2])
@@ -232,7 +237,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
         UsageProblem: Another suffix.
         ValueError: The array has another shape.
     """
-    values: NDArray[np.float32] = np.asarray(plane, np.float32)
+    values: NDArray[np.float32] = np.asarray(array_of(plane), np.float32)
     if values.ndim != 2 or not values.size:
         raise ValueError(f"plane must be [H, W], got {list(values.shape)}")
     suffix = Path(path).suffix.lower()

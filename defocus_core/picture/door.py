@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core import gone
-from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean, reason
+from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean
+from defocus_core.io.array_files import array_of
 from defocus_core.picture import plain_path
 from defocus_core.picture.pair import of_arrays
 from defocus_core.picture.preview import write_preview
@@ -535,14 +536,7 @@ def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], *more: str) -> 
 
 def _array(values: Any) -> NDArray[Any]:
     """Copy an array or a tensor of numbers to a NumPy array."""
-    try:
-        held = values.detach().cpu().numpy() if hasattr(values, "detach") else np.asanyarray(values)
-    except (TypeError, RuntimeError) as error:  # a tensor of a type or layout that NumPy lacks
-        raise ValueError(f"pictures are arrays of numbers: {reason(error)}") from None
-    if held.dtype.kind not in "uif" or np.ma.is_masked(held):
-        got = "masked ones" if held.dtype.kind in "uif" else f"{held.dtype}; make them floats"
-        raise ValueError(f"pictures are arrays of numbers, got {got}")
-    return np.array(held)
+    return np.array(array_of(values))
 
 
 def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes:

@@ -77,7 +77,7 @@ def own_modes(device: torch.device | None = None) -> Iterator[None]:
     Autocast is off on the CPU and on `device`: it would round to 8 or 11 bits, and only in the
     thread in which it was switched on.
     """
-    kinds = {"cpu", device.type if device else "cpu"}
+    kinds = {"cpu", getattr(device, "type", "cpu")}
     with ExitStack() as modes:
         modes.enter_context(_one_thread())
         for kind in kinds:
