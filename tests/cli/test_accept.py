@@ -111,7 +111,7 @@ def test_a_conflict_of_a_merge_is_told_and_a_pointer_is_never_accepted(jobs, gol
     (goldens / "a.recipe.json").write_text("<<<<<<< ours\n{}\n=======\n{}\n>>>>>>> theirs\n")
     ran = compare(goldens, new)
     refused(ran, 3, "damaged", "a.recipe.json")
-    assert "take one side of a merge" in ran.err
+    assert "resolve the merge conflict" in ran.err
     (goldens / "a.recipe.json").unlink()
     before = (goldens / "render" / "b.exr").read_bytes()
     pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"

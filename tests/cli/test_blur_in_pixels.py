@@ -112,7 +112,7 @@ def test_a_lens_beside_a_blur_in_pixels_is_refused_wherever_it_comes_from(tmp_pa
     color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
     ran = run("render", color, z, *BLUR, "--lens", "@hexagon-50", "-o", tmp_path / "out")
     refused(ran, 2, "contradiction", "lens")
-    assert "its opening is --blades 6 --blade-rotation 15" in ran.err
+    assert "for its aperture give --blades 6 --blade-rotation 15" in ran.err
     refused(run("info", z, *BLUR, "--lens", "@hexagon-50"), 2, "contradiction", "lens")
     ran = run("render", color, z, *BLUR, "--lens-from-metadata", "-o", tmp_path / "out")
     refused(ran, 2, "contradiction", "lens-from-metadata")
