@@ -179,14 +179,18 @@ def _selection() -> list[Decorator]:
             multiple=True,
         ),
         _selecting_option(
-            "--ignore-mask FILE", "All pixels but those where this picture is not 0.", FilePath()
+            "--ignore-mask FILE", "Leave out pixels where this picture is not 0.", FilePath()
         ),
         _selecting_option(
             "--tolerate-edges",
-            "Pixels that are anti-aliased in A or B may differ: beside a flat colour, and between "
-            "a darker and a brighter neighbour.",
+            "Leave out pixels that are anti-aliased in A or B: those beside a flat colour that lie "
+            "between a darker and a brighter neighbour.",
         ),
-        _selecting_option("--flip", "Measure FLIP, what a person would see (needs defocus[flip])."),
+        _selecting_option(
+            "--flip",
+            "Also measure FLIP, the difference that a person would see; needs "
+            "pip install 'defocus[flip]'.",
+        ),
     ]
 
 

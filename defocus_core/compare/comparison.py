@@ -106,8 +106,8 @@ def _of_channels(picture: DecodedPicture, rules: Rules) -> DecodedPicture:
     """The picture, restricted to the channels to compare."""
     names = [name for name in picture.planes if rules.compares(name)]
     if not names:
-        problem = f"has only {', '.join(picture.planes)}, of which none is compared"
-        raise InputError("no-such-channel", problem, "name some of these", path=picture.path)
+        problem = f"has only {', '.join(picture.planes)}, and all are left out"
+        raise InputError("no-such-channel", problem, "leave out fewer channels", path=picture.path)
     samples = {n: v for n, v in picture.samples.items() if not n or n in names}
     planes = {name: picture.planes[name] for name in names}
     types = {name: picture.types[name] for name in names}

@@ -235,7 +235,7 @@ def _from_exr(path: Path) -> DecodedPicture:
 
 
 def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[Any]]:
-    """The samples of all deep parts; none if the file is flat."""
+    """The samples of all deep parts by channel; empty if the file is flat."""
     found: dict[str, list[NDArray[Any]]] = {}
     for header in headers:
         if not header.deep:

@@ -89,15 +89,15 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
 def anti_aliased(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
     """Pixels [H, W] that are anti-aliased in A or in B, by the rule of Vyšniauskas (2009).
 
-    Such a pixel has a darker and a brighter neighbour among eight, at most two equal ones, and its
-    darkest or brightest neighbour lies in a flat area of both A and B.
+    Such a pixel has a darker and a brighter pixel among its eight neighbours, and at most two equal
+    ones. Its darkest or brightest neighbour lies in a flat area of both A and B.
     """
     flat = np.logical_and(*(_is_flat([np.asarray(v, np.float32) for v in side]) for side in (a, b)))
     return np.asarray(_is_between(a, flat) | _is_between(b, flat))
 
 
 def _is_flat(planes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
-    """Pixels with at least three neighbours of the same values."""
+    """Pixels [H, W] of which at least three neighbours have the same values."""
     count = np.zeros(planes[0].shape, np.int8)
     for beside in zip(*map(_neighbours, planes), strict=True):
         near = zip(beside, planes, strict=True)
@@ -106,7 +106,7 @@ def _is_flat(planes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
 
 
 def _is_between(planes: Sequence[NDArray[Any]], flat: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels between a darker and a brighter neighbour, of which one is flat."""
+    """Pixels [H, W] between a darker and a brighter neighbour, at least one of which is `flat`."""
     grey = np.mean([np.asarray(plane, np.float32) for plane in planes], axis=0)
     low, high, equal = np.zeros_like(grey), np.zeros_like(grey), np.zeros(grey.shape, np.int8)
     beside_low, beside_high = np.zeros((2, *grey.shape), bool)

@@ -1,4 +1,4 @@
-"""How two files differ apart from their pixels: size, channels, samples, primaries, metadata.
+"""Differences of two files other than pixels: size, channels, samples, primaries, metadata.
 
 Another number type, order of channels, codec or data window is a note. Differing metadata is listed
 separately.
@@ -35,7 +35,7 @@ def compare_structure(
     *,
     ruled: bool,  # whether rules decide about values
 ) -> tuple[Comparison, list[str], bool]:
-    """The record with the structure of both files, and the channels that are compared.
+    """Compare the structure of both files.
 
     Returns the record with findings and notes on the structure; the channels to compare, which both
     files have in the size of the picture; and whether the structure alone makes B different.
@@ -68,7 +68,10 @@ def _equal(a: Any, b: Any) -> bool:
 def _of_channels(
     a: DecodedPicture, b: DecodedPicture, resized: Sequence[str], lone: Sequence[str]
 ) -> Iterator[Finding]:
-    """Findings of another size, missing and further channels, except lone channels of depth."""
+    """Findings of another size, missing and further channels.
+
+    `lone`: channels of depth that only the deep one of the files must have.
+    """
     if (a.width, a.height) != (b.width, b.height):
         text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"
         values = {"a": [a.width, a.height], "b": [b.width, b.height]}
@@ -117,7 +120,7 @@ def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
 
 
 def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
-    """Channels of depth that a deep picture must have, and that a flat one lacks."""
+    """Channels of depth that the deep one of two pictures must have, and the flat one lacks."""
     if bool(a.samples) == bool(b.samples):
         return []
     deep, flat = (a, b) if a.samples else (b, a)

@@ -59,7 +59,7 @@ def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.
         return None
     rim, distance = lens.cat_eye
     if 0 < lens.obstruction >= rim:
-        problem = "lets no light pass beside the opaque middle of the opening"
+        problem = "lets no light pass beside the opaque middle of the aperture"
         remedy = f"give a rim larger than {lens.obstruction:g}, or a smaller ‹obstruction›"
         raise UsageProblem("contradiction", problem, remedy, field="cat-eye")
     width, height = size
@@ -70,7 +70,7 @@ def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.
         return CatEye(rim, distance * tangent, lens.vignetting, pixel_aspect)
     except ValueError as error:
         maximum = 0.895 * rim / tangent  # rounding to 3 digits stays below 0.9
-        problem = f"hides the middle of the opening in the corners: {reason(error)}"
+        problem = f"hides the middle of the aperture in the corners: {reason(error)}"
         remedy = f"give a distance of {maximum:.3g} at most with this lens"
         raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
@@ -149,7 +149,7 @@ def pupil_image(path: Path) -> PupilImage:
     try:
         return PupilImage(torch.from_numpy(light.mean(axis=0)))
     except ValueError as error:
-        problem = f"is not a picture of a pupil: {reason(error)}"
+        problem = f"is not a picture of an aperture: {reason(error)}"
         remedy = "give a picture that is bright where it is open"
         raise InputError("malformed", problem, remedy, path=path) from None
 
@@ -157,7 +157,7 @@ def pupil_image(path: Path) -> PupilImage:
 def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
     """Raise InputError unless `shape` is [channels, H, W], with H and W at most 4096."""
     if len(shape) != 3 or max(shape[1:]) > _MAX_SIDE:
-        problem = f"is not a picture of a pupil: it has {times(shape)} numbers"
+        problem = f"is not a picture of an aperture: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
         raise InputError("malformed", problem, remedy, path=path)
 
