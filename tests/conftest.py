@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 import torch
-from command_line import color_exr, depth_exr
+from command_line import color_exr, depth_exr, pair
+from renderers import HAS_LOOPS
 from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - hooks
 
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import pipeline
-from defocus_core.renderer.compiled import carried
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
@@ -28,7 +28,7 @@ if hasattr(signal, "SIGHUP"):
 
 def pytest_sessionstart():
     """Compile what is to be compiled before tests look at what is said, and how long it takes."""
-    if carried.available():
+    if HAS_LOOPS:
         from defocus_core.renderer.compiled.once import compile_once
 
         compile_once()
@@ -56,6 +56,14 @@ def depth(tmp_path):
     return depth_exr(tmp_path / "depth.exr")
 
 
+@pytest.fixture
+def folders(tmp_path):
+    """Directories of three pictures."""
+    for stem in "abc":
+        color, depth = pair(tmp_path, stem)
+    return color.parent, depth.parent
+
+
 EXECUTE = WorkerConfig.execute
 
 
@@ -77,4 +85,4 @@ def in_processes(monkeypatch):
 @pytest.fixture
 def torch_back(monkeypatch):
     """Render by torch, also what the compiled back carries."""
-    monkeypatch.setattr(carried, "available", lambda: False)
+    monkeypatch.setattr("defocus_core.renderer.compiled.carried.available", lambda: False)

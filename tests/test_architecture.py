@@ -68,6 +68,11 @@ LIGHT = [p for p in (*CORE, *CLI) if p not in TORCH_MODULES and name_of(p) not i
 KNOWN = {module(path) for path in (*CORE, *CLI)}
 
 
+def nodes(path, *kinds):
+    """Of some kinds in a module."""
+    return [node for node in ast.walk(parsed(path)) if isinstance(node, kinds)]
+
+
 def names(node):
     """Full names of the modules that a statement imports."""
     if isinstance(node, ast.Import):
@@ -154,28 +159,21 @@ def test_no_modules_import_each_other_in_a_circle():
 def test_no_two_classes_have_one_name():
     places: dict[str, list[str]] = {}
     for path in (*CORE, *CLI):
-        for node in ast.walk(parsed(path)):
-            if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(name_of(path))
+        for node in nodes(path, ast.ClassDef):
+            places.setdefault(node.name, []).append(name_of(path))
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def length(function):
     """Lines of a function but for its docstring, which may need as many as it needs."""
-    lines = (function.end_lineno or 0) - function.lineno + 1
-    first = function.body[0]
-    return lines - (
-        (first.end_lineno or 0) - first.lineno + 1 if ast.get_docstring(function) else 0
-    )
+    told = function.body[:1] if ast.get_docstring(function) else []
+    whole, *without = ((node.end_lineno or 0) - node.lineno + 1 for node in (function, *told))
+    return whole - sum(without)
 
 
 @of_each([*CORE, *CLI])
 def test_functions_are_short(path):
-    functions = (
-        node
-        for node in ast.walk(parsed(path))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-    )
+    functions = nodes(path, ast.FunctionDef, ast.AsyncFunctionDef)
     lines = {each.name: length(each) for each in functions}
     assert {name: count for name, count in lines.items() if count > LONGEST_FUNCTION} == {}
 
@@ -194,11 +192,8 @@ def test_what_computes_is_pure_torch_without_files_or_prints(path):
     roots -= COMPILED if path.parent.name == "compiled" else set()
     assert roots <= TORCH_MAY_USE
     assert not roots & FILES_AND_WORDS
-    calls = {
-        node.func.id
-        for node in ast.walk(parsed(path))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-    }
+    called = (node.func for node in nodes(path, ast.Call))
+    calls = {function.id for function in called if isinstance(function, ast.Name)}
     assert not calls & {"open", "print", "input", "exec", "eval"}
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from command_line import read_exr, run, write_exr
+from measures import centroid
 from renderers import HAS_LOOPS
 
 from defocus_core import Aperture, DualPixel, render
@@ -22,13 +23,6 @@ def figure(topic, words):
     pattern = re.escape(words).replace(r"\ ", r"\s+").replace("N", r"([\d.]+)")
     (found,) = re.findall(pattern, TEXT[topic])
     return float(found)
-
-
-def centroid(picture):
-    """Column and row of the centre of light [H, W]."""
-    light = np.asarray(picture, np.float64)
-    places = (np.arange(n) for n in light.shape[::-1])
-    return [at @ light.sum(axis) / light.sum() for axis, at in enumerate(places)]
 
 
 def lights(at, sigma=2**0.5, size=(SIDE, SIDE)):

@@ -4,7 +4,7 @@ import json
 import os
 
 import pytest
-from batches import again, folders
+from batches import again
 from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
 from records import completed, pack, record
 from refusals import refuses
@@ -15,20 +15,7 @@ from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shar
 from defocus_core.compare.pairing import RECIPE, read_recipes
 from defocus_core.io.write_files import Folder, path_fault, written_whole
 
-__all__ = ["folders"]
-FOREIGN = (
-    "../mine",
-    "render/../../mine",
-    "/mine",
-    "render/..",
-    "render//mine",
-    "./mine",
-    "",
-    "a\0b",
-    "\ud800",
-    7,
-    None,
-)
+FOREIGN = ("../mine", "render/../../mine", "/mine", "render/..", "render//mine", "./mine", "")
 
 
 def recipe_json(folder, name):
@@ -48,7 +35,7 @@ def journal_jsonl(folder, name):
     Ledger(folder)
 
 
-@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("name", [*FOREIGN, "a\0b", "\ud800", 7, None])
 @pytest.mark.parametrize("form", [recipe_json, journal_jsonl])
 def test_every_file_that_names_others_is_refused_with_a_foreign_path(form, name, tmp_path):
     assert path_fault(name)

@@ -7,14 +7,13 @@ import pytest
 import torch
 from batches import JOBS, jobs_file, records
 from command_line import header, pair, photograph, run, succeed
+from renderers import HAS_LOOPS, NEEDS_LOOPS
 
-from defocus_core.renderer.compiled import carried
-
-TOOK = "compiled" if carried.available() else "torch"
+TOOK = "compiled" if HAS_LOOPS else "torch"
 
 
 def without_numba(monkeypatch):
-    monkeypatch.setattr(carried, "available", lambda: False)
+    monkeypatch.setattr("defocus_core.renderer.compiled.carried.available", lambda: False)
 
 
 def test_the_record_the_header_and_the_card_name_what_computed(tmp_path, out):
@@ -50,7 +49,7 @@ def test_version_says_what_renders_on_a_cpu(monkeypatch):
     assert "on a CPU by torch, as NUMBA_DISABLE_JIT is set" in run("--version").out
 
 
-@pytest.mark.skipif(TOOK == "torch", reason="not on this system: Numba, for the compiled back")
+@pytest.mark.skipif(**NEEDS_LOOPS)
 def test_a_run_that_goes_on_with_another_back_says_so_and_compare_does(tmp_path, out, monkeypatch):
     path = jobs_file(tmp_path, "a", "b", text=JOBS.replace('"coc"', '"render"'))
     batch = ("batch", path, "--processes", "1", "-o")
@@ -60,7 +59,5 @@ def test_a_run_that_goes_on_with_another_back_says_so_and_compare_does(tmp_path,
     told = succeed(*batch, out).err
     assert "earlier pictures are by compiled, those of this run by torch" in told
     assert "earlier pictures" not in succeed(*batch, out).err
-    assert (
-        "recipe: back torch instead of compiled in 3 of 4 samples"
-        in run("compare", tmp_path / "other", out).out
-    )
+    told = run("compare", tmp_path / "other", out).out
+    assert "recipe: back torch instead of compiled in 3 of 4 samples" in told

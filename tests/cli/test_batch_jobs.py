@@ -35,12 +35,8 @@ def test_names_that_two_jobs_share_are_refused(tmp_path):
     sweep = "lenses = [{squeeze = 2, obstruction = 0.4}, {squeeze = 2}]\n"
     path = tmp_path / "jobs.toml"
     path.write_text(f'[inputs]\nlist = "list.jsonl"\n{FIXED}[sweep]\n{sweep}')
-    refused(
-        run("batch", path, "-o", tmp_path / "out", "--dry-run"),
-        3,
-        "duplicate",
-        "a_mirror0.4_squeeze2.exr",
-    )
+    ran = run("batch", path, "-o", tmp_path / "out", "--dry-run")
+    refused(ran, 3, "duplicate", "a_mirror0.4_squeeze2.exr")
 
 
 def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path):

@@ -155,10 +155,8 @@ def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path):
 
 def test_such_a_range_is_told_in_the_numbers_of_the_file_everywhere(tmp_path):
     out, near = tmp_path / "out", "-2.14..10"
-    inputs = {
-        "color": str(color_exr(tmp_path / "rgb.exr")),
-        "depth": str(depth(tmp_path / "z.exr")),
-    }
+    files = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    inputs = dict(zip(("color", "depth"), map(str, files), strict=True))
     sweep = {"sharp-range": ["0..3", near]}
     run_batch({"inputs": inputs, "lens": {"blur": "8px"}, "sweep": sweep}, out)
     names = {"rgb_sharp0-3": (0.0, 3.0), "rgb_sharp-2.14-10": (-2.14, 10.0)}

@@ -11,10 +11,10 @@ import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import files_under, read_exr, refused, run, write_exr
 from deep_files import write_deep_samples
+from elements import write
 from image_files import from_srgb, save
-from planted_faults import HEIGHT, WIDTH, planes, scene, write_planes
+from planted_faults import HEIGHT, WIDTH, planes, scene
 
-from defocus_core.compare.picture import read_picture
 from defocus_core.compare.run import CAUSES, Task
 
 PATCH = (slice(20, 30), slice(50, 60))
@@ -22,13 +22,13 @@ PATCH = (slice(20, 30), slice(50, 60))
 
 @pytest.fixture
 def a(tmp_path):
-    return write_planes(tmp_path / "a.exr", planes(scene()))
+    return write(tmp_path / "a.exr", planes(scene()))
 
 
 @pytest.fixture
 def b(tmp_path):
     """The scene with 100 pixels brighter by 0.25."""
-    return write_planes(tmp_path / "b.exr", planes(patched()))
+    return write(tmp_path / "b.exr", planes(patched()))
 
 
 def patched():
@@ -45,9 +45,9 @@ def the_pair(*args):
 def folders(root):
     """Two folders: one picture the same, one that differs, one missing, one further."""
     for name in ("A/same", "A/sub/other", "A/lone", "B/same"):
-        write_planes(root / f"{name}.exr", planes(scene()))
-    write_planes(root / "B" / "new.exr", planes(patched()))
-    write_planes(root / "B" / "sub" / "other.exr", planes(patched()))
+        write(root / f"{name}.exr", planes(scene()))
+    write(root / "B" / "new.exr", planes(patched()))
+    write(root / "B" / "sub" / "other.exr", planes(patched()))
     (root / "A" / "journal.jsonl").write_text("{}")
     return root / "A", root / "B"
 
@@ -90,7 +90,7 @@ def test_causes_are_sought_in_the_first_that_fail(causes, named, tmp_path, monke
     monkeypatch.setitem(CAUSES, "first", 2)
     for k in range(6):
         for folder, image in (("A", scene()), ("B", scene() if k in (0, 1) else 2 * scene())):
-            write_planes(tmp_path / folder / f"{k}.exr", planes(image))
+            write(tmp_path / folder / f"{k}.exr", planes(image))
     words = ["compare", tmp_path / "A", tmp_path / "B", "--causes", causes, "--json"]
     pairs = run(*words).json["pairs"]
     said = [pair["name"] for pair in pairs if pair["findings"]]
@@ -101,11 +101,11 @@ def test_causes_are_sought_in_the_first_that_fail(causes, named, tmp_path, monke
 
 def test_no_rule_is_proposed_that_lets_anything_pass(a, tmp_path):
     other = np.random.default_rng(3).random(scene().shape) * 20
-    b = write_planes(tmp_path / "b.exr", planes(other))
+    b = write(tmp_path / "b.exr", planes(other))
     assert the_pair(a, b)["proposal"] is None
-    bright = write_planes(tmp_path / "bright.exr", planes(1.2 * scene()))
+    bright = write(tmp_path / "bright.exr", planes(1.2 * scene()))
     assert the_pair(a, bright)["proposal"] is None  # its cause is known
-    patch = write_planes(tmp_path / "patch.exr", planes(patched()))
+    patch = write(tmp_path / "patch.exr", planes(patched()))
     assert the_pair(a, patch, "--fail", "max>0.01")["proposal"] is None  # one is given
 
 
@@ -209,7 +209,8 @@ def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path)
         assert "DIFFERENT: deep samples: " in ran.out
         assert words in ran.out
         assert run("compare", a, b, "--fail", "max>1").code == 0
-    planes = dict(read_picture(a).planes)
+    flat = np.ones((14, 20), np.float32)
+    planes = {**dict.fromkeys("RGB", flat / 2), "A": flat, "Z": flat}
     assert run("compare", a, write_exr(tmp_path / "flat.exr", **planes)).code == 0
     del planes["Z"]  # a flat picture has no depth
     assert run("compare", a, write_exr(tmp_path / "flat.exr", **planes)).code == 0
@@ -269,7 +270,7 @@ def test_many_pairs_in_processes_are_reported_in_order_and_alike(tmp_path):
     for folder in "AB":
         for number in range(9):
             image = scene()[:24, :32] + (0.1 * number if folder == "B" else 0)
-            write_planes(tmp_path / folder / f"{number}.exr", planes(image))
+            write(tmp_path / folder / f"{number}.exr", planes(image))
     alone, together = (
         run("compare", tmp_path / "A", tmp_path / "B", "--json", "--processes", n) for n in "12"
     )
@@ -308,8 +309,8 @@ def test_flip_of_greys_is_that_of_the_paper(tmp_path):
 def test_a_summary_for_a_pull_request_has_a_table_the_worst_and_what_happened(tmp_path):
     pair = folders(tmp_path)
     hostile = "@you|[a](b)<i>.exr"
-    write_planes(pair[0] / hostile, planes(scene()))
-    write_planes(pair[1] / hostile, planes(np.roll(scene(), 2, 1)))
+    write(pair[0] / hostile, planes(scene()))
+    write(pair[1] / hostile, planes(np.roll(scene(), 2, 1)))
     file = tmp_path / "reports" / "summary.md"
     assert run("compare", *pair, "--markdown", file, "--diff", tmp_path / "diff").code == 1
     text = file.read_text()
@@ -327,7 +328,7 @@ def test_a_summary_for_a_pull_request_has_a_table_the_worst_and_what_happened(tm
 
 @pytest.mark.parametrize("option", ["--junit", "--html", "--markdown"])
 def test_a_report_that_cannot_be_written_leaves_the_json(option, a, tmp_path):
-    b = write_planes(tmp_path / "b.exr", planes(2 * scene()))
+    b = write(tmp_path / "b.exr", planes(2 * scene()))
     ran = run("compare", a, b, "--json", option, b / "report", "--accept")
     assert ran.code == 3
     assert [pair["status"] for pair in ran.json["pairs"]] == ["different"]
@@ -346,7 +347,7 @@ def test_there_is_no_difference_image_of_another_size_and_that_is_said(a, tmp_pa
 def test_difference_images_are_signed_and_amplified(a, tmp_path):
     image = patched()
     image[0, 0] = np.nan
-    b = write_planes(tmp_path / "b.exr", planes(image))
+    b = write(tmp_path / "b.exr", planes(image))
     pair = the_pair(a, b, "--diff", tmp_path / "diff")
     assert files_under(tmp_path / "diff") == {"b.exr.diff.exr", "b.exr.diff.png"}
     assert [Path(path).name for path in pair["images"]] == ["b.exr.diff.exr", "b.exr.diff.png"]
@@ -365,7 +366,7 @@ def test_difference_images_are_signed_and_amplified(a, tmp_path):
 def test_the_cause_is_looked_for_in_thin_pictures(size, tmp_path):
     for seed, name in enumerate("ab"):
         noise = np.random.default_rng(seed).random((*size, 3), np.float32)
-        write_planes(tmp_path / f"{name}.exr", planes(noise))
+        write(tmp_path / f"{name}.exr", planes(noise))
     ran = run("compare", tmp_path / "a.exr", tmp_path / "b.exr")
     assert (ran.code, ran.err) == (1, "")
 

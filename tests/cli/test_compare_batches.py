@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from command_line import color_exr, depth_exr, ramp, refused, run, texture
+from command_line import color_exr, depth_exr, ramp, refused, run, succeed, texture
 
 JOBS = """[inputs]
 color = "{folder}/rgb/*.exr"
@@ -23,8 +23,7 @@ def batch(folder, out, fnumber=2.0, *, format="exr"):
     """A finished batch of the pictures in a folder."""
     jobs = folder / f"{out}.toml"
     jobs.write_text(JOBS.format(folder=folder, fnumber=fnumber, format=format))
-    ran = run("batch", jobs, "-o", folder / out, "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", folder / out, "--processes", "1")
     return folder / out
 
 
@@ -48,8 +47,7 @@ def copied(folder, name):
 
 def test_batches_of_one_recipe_are_the_same(made):
     folder, one, _ = made
-    ran = run("compare", one, batch(folder, "again"))
-    assert ran.code == 0
+    ran = succeed("compare", one, batch(folder, "again"))
     assert ran.out.splitlines() == [
         "recipes: alike in all 2 samples that both batches have",
         "4 pairs: 4 same",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import torch
-from command_line import read_exr, refused_input, run, succeed, write_exr
+from command_line import LENS, read_exr, refused_input, run, succeed, write_exr
 from deep_files import from_layers, write_deep_samples
 from layers import brute_force
 from measures import psnr
@@ -10,7 +10,6 @@ from measures import psnr
 from defocus_core import DefocusLens
 
 SIZE = (40, 56)
-LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 FLOAT = ("--exr-type", "float")
 
 
@@ -18,12 +17,9 @@ def layers(*metres, seed=0):
     """A layer with a soft round card for each depth: premultiplied colours, depth, coverage."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
-    coverage = np.stack(
-        [
-            np.clip(9 - np.hypot(y - row, x - column), 0, 1) * 0.75
-            for row, column in 12 + rng.random((len(metres), 2)) * (16, 32)
-        ]
-    ).astype(np.float32)
+    places = 12 + rng.random((len(metres), 2)) * (16, 32)
+    away = [np.hypot(y - row, x - column) for row, column in places]
+    coverage = (np.clip(9 - np.stack(away), 0, 1) * 0.75).astype(np.float32)
     tint = rng.random((len(metres), 3, 1, 1)).astype(np.float32)
     depth = np.broadcast_to(np.float32(metres)[:, None, None], coverage.shape)
     return tint * coverage[:, None], depth, coverage
@@ -40,10 +36,7 @@ def radius_of(depth):
 def picture(path):
     """R, G, B, A of an EXR file."""
     rgba = read_exr(path)
-    planes = (
-        [rgba[name] for name in "RGBA"] if "R" in rgba else list(np.moveaxis(rgba["RGBA"], 2, 0))
-    )
-    return torch.from_numpy(np.stack(planes).astype(np.float64))
+    return torch.from_numpy(np.stack([rgba[name] for name in "RGBA"]).astype(np.float64))
 
 
 def rendered(folder, name, samples, *args, **how):

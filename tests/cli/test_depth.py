@@ -1,10 +1,10 @@
 """``defocus depth`` writes planar metres; reading options mean the same in every command."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from batches import records
 from command_line import (
     color_exr,
     depth_exr,
@@ -20,6 +20,7 @@ from command_line import (
     write_exr,
 )
 from depth_files import npy, pfm, png
+from image_files import samples_of
 
 
 def depth(*args):
@@ -82,9 +83,7 @@ def test_files_are_replaced_only_with_overwrite_and_inputs_never(tmp_path):
 def test_the_preview_is_brightest_where_it_is_nearest(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0, 4.0, np.inf]])
     depth(path, "-o", tmp_path / "z.exr", "--preview")
-    import OpenImageIO as oiio  # noqa: N813
-
-    shown = oiio.ImageBuf(str(tmp_path / "z.preview.png")).get_pixels(oiio.UINT8)[0, :, 0]
+    shown = samples_of(tmp_path / "z.preview.png")[0, :, 0]
     assert shown[0] == 255
     assert shown[0] > shown[1] > shown[2] == 0
 
@@ -187,9 +186,8 @@ def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path):
     photograph(*args, "--outputs", "coc")
     after = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
     assert (after > before).all()
-    last = (tmp_path / "o" / "journal.jsonl").read_text().splitlines()[-1]
-    record = json.loads(last)
-    assert record["inputs"]["depth_sidecar"]["path"].endswith("calib.txt")
+    sidecar = records(tmp_path / "o")[-1]["inputs"]["depth_sidecar"]
+    assert sidecar["path"].endswith("calib.txt")
 
 
 def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path):

@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 from command_line import LENS, failed, photograph, read_exr, run, texture
 from deep_files import write_deep_samples
-from image_files import SCANLINE
+from elements import write
 from refusals import refuses
 
 from defocus_core import read_depth
@@ -40,8 +40,7 @@ def test_carried_channels_are_bit_equal_in_any_codec(codec, depth, out, tmp_path
     planes = dict(zip("RGB", np.moveaxis(texture(), 2, 0).astype(np.float16), strict=True))
     planes |= {f"Crypto00.{name}": ids for name in "RGBA"} | {"Z": ids, "N.B": planes["B"]}
     compression = OpenEXR.B44_COMPRESSION if codec == "input" else OpenEXR.ZIP_COMPRESSION
-    path = tmp_path / "a.exr"
-    OpenEXR.File({**SCANLINE, "compression": compression}, planes).write(str(path))
+    path = write(tmp_path / "a.exr", planes, compression=compression)
     given = read_exr(path)
     ran = photograph(path, depth, "-o", out, "--compression", codec)
     made = read_exr(out / "render" / "a.exr")
@@ -53,8 +52,7 @@ def test_carried_channels_are_bit_equal_in_any_codec(codec, depth, out, tmp_path
 def test_carried_channels_that_are_not_finite_are_said(depth, out, tmp_path):
     planes = {name: texture()[:, :, 0].copy() for name in ("R", "G", "B", "N.X", "Z")}
     planes["N.X"][0, :2], planes["Z"][:] = (np.nan, np.inf), np.inf
-    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "a.exr"))
-    ran = photograph(tmp_path / "a.exr", depth, "-o", out)
+    ran = photograph(write(tmp_path / "a.exr", planes), depth, "-o", out)
     assert "N.X, which is copied, is NaN or infinite in 2 pixels" in ran.err
     assert "Z, which" not in ran.err
 

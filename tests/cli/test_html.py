@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from command_line import run, write_exr
+from elements import write
 from html_reports import item, items, keys
-from planted_faults import planes, scene, write_planes
+from planted_faults import planes, scene
 
 
 @pytest.fixture
@@ -13,9 +14,9 @@ def folders(tmp_path):
     a, b = tmp_path / "A", tmp_path / "B"
     for folder, names in ((a, ("same", "shifted", "gone")), (b, ("same", "new"))):
         for name in names:
-            write_planes(folder / f"{name}.exr", planes(scene()))
-    write_planes(b / "new.exr", planes(2 * scene()))
-    write_planes(b / "shifted.exr", planes(np.roll(scene(), 2, 1)))
+            write(folder / f"{name}.exr", planes(scene()))
+    write(b / "new.exr", planes(2 * scene()))
+    write(b / "shifted.exr", planes(np.roll(scene(), 2, 1)))
     for folder in (a, b):
         (folder / "bad.exr").write_bytes(b"no picture")
     return a, b

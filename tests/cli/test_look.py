@@ -1,9 +1,8 @@
 """Each option of the look of a lens shows in the picture, in a lens file and in a record."""
 
-import json
-
 import numpy as np
 import pytest
+from batches import records
 from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run, succeed
 from image_files import save
 
@@ -62,7 +61,7 @@ def test_an_option_of_the_look_shows_and_is_written_down(lens, name, before, val
     field = f"defocus:{name.replace('-', '_')}"
     assert header(tmp_path / "shown/render/rgb.exr")[field] == {"on": "True"}.get(value, value)
     assert header(tmp_path / "plain/render/rgb.exr").get(field) in (None, "0", "0deg")
-    record = json.loads((tmp_path / "shown/journal.jsonl").read_text().splitlines()[-1])
+    record = records(tmp_path / "shown")[-1]
     assert name.replace("-", "_") in "".join(record["lens"])
 
 
@@ -176,5 +175,4 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     assert (red >= green)[near].all()
     assert (blue >= green)[far].all()
     assert shown["R"].shape == metres.shape
-    records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
-    assert json.loads(records[-1])["seconds"]["render"] == 0
+    assert records(tmp_path / "out")[-1]["seconds"]["render"] == 0

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from command_line import succeed
-from image_files import box, write_window
+from elements import write
+from image_files import box
 
 from defocus_core import read_color
 
@@ -29,9 +30,9 @@ def shot(folder, *, whole):
         planes, left = frame(number), 8 + 6 * number
         data = (0, 0, WIDTH - 1, HEIGHT - 1) if whole else (left - 2, 10, left + SIDE + 1, 29)
         cut = np.s_[data[1] : data[3] + 1, data[0] : data[2] + 1]
-        pieces = {name: np.ascontiguousarray(plane[cut]) for name, plane in planes.items()}
-        path = folder / f"a.{number:04}.exr"
-        write_window(path, pieces, box(*data), box(0, 0, WIDTH - 1, HEIGHT - 1))
+        pieces = {name: plane[cut] for name, plane in planes.items()}
+        windows = {"dataWindow": box(*data), "displayWindow": box(0, 0, WIDTH - 1, HEIGHT - 1)}
+        write(folder / f"a.{number:04}.exr", pieces, **windows)
     return str(folder / "a.####.exr")
 
 

@@ -4,7 +4,6 @@ import json
 import struct
 
 import numpy as np
-import OpenEXR
 import pytest
 from command_line import (
     LENS,
@@ -17,7 +16,8 @@ from command_line import (
     succeed,
     write_exr,
 )
-from image_files import SCANLINE, multi_part, random_planes, save
+from elements import write
+from image_files import multi_part, random_planes, save
 from jobs_files import FIXED, jobs
 from refusals import refuses
 
@@ -135,8 +135,7 @@ def test_a_focal_length_is_in_pixels_of_the_depth_file(color, tmp_path):
 
 def test_one_view_of_two_aspects_is_stretched(tmp_path):
     """Networks round the sides of a picture to multiples of 14 px."""
-    path, depth = tmp_path / "a.exr", tmp_path / "d.npy"
-    OpenEXR.File({**SCANLINE}, random_planes("RGB", (360, 640))).write(str(path))
+    depth, path = tmp_path / "d.npy", write(tmp_path / "a.exr", random_planes("RGB", (360, 640)))
     write_exr(tmp_path / "m.exr", Y=np.ones((147, 259), "f4"))
     how = ("--resize-depth", "nearest", "--outputs", "depth,render", "--matte", tmp_path / "m.exr")
     np.save(depth, np.full((147, 259), 2.0, "f4"))
@@ -187,7 +186,7 @@ def test_equal_channels_of_an_exr_are_one(color, out, tmp_path):
 
 def test_a_remedy_is_quoted(tmp_path):
     one = np.ones((4, 5), "f4")
-    OpenEXR.File({**SCANLINE}, {"a b.Z": one, "c.Z": one}).write(str(tmp_path / "a.exr"))
+    write(tmp_path / "a.exr", {"a b.Z": one, "c.Z": one})
     with refuses("ambiguous", "‹depth-channel› 'a b.Z'"):
         read_depth(tmp_path / "a.exr")
     assert (read_depth(tmp_path / "a.exr", channel="a b.Z").metres == 1).all()
@@ -195,21 +194,13 @@ def test_a_remedy_is_quoted(tmp_path):
 
 def test_parts_keep_their_names(out, tmp_path):
     one = np.full((24, 32), 2.0, "f4")
-    parts = {
-        "N": dict.fromkeys("XYZ", one * 0.1),
-        "rgba": random_planes("RGBA"),
-        "depth": {"Z": one},
-    }
-    path = multi_part(tmp_path / "a.exr", **parts)
+    parts = {"N": dict.fromkeys("XYZ", one * 0.1), "rgba": random_planes("RGBA")}
+    path = multi_part(tmp_path / "a.exr", **parts, depth={"Z": one})
     photograph(path, "-o", out)
     made = set(read_exr(out / "render" / "a.exr"))
     assert made == {*"RGBA", "N.X", "N.Y", "N.Z", "depth.Z"}
-    named = {
-        f"rgba.{n}": p
-        for n, p in zip(("red", "green", "blue"), random_planes("RGB").values(), strict=True)
-    }
-    OpenEXR.File({**SCANLINE}, named).write(str(tmp_path / "b.exr"))
-    assert "layer rgba as RGB" in read_color(tmp_path / "b.exr").note
+    named = random_planes(("rgba.red", "rgba.green", "rgba.blue"))
+    assert "layer rgba as RGB" in read_color(write(tmp_path / "b.exr", named)).note
 
 
 def test_names_with_brackets_that_are_there_are_no_patterns(tmp_path):
@@ -239,6 +230,6 @@ def test_a_codec_that_is_missing_is_no_damage(tmp_path):
 
 
 def test_the_one_over_z_of_nuke_is_named(color, out, tmp_path):
-    told, path = {**SCANLINE, "nuke/version": "15.0"}, tmp_path / "z.exr"
-    OpenEXR.File(told, {"depth.Z": np.full((16, 24), 0.4, "f4")}).write(str(path))
+    depth = {"depth.Z": np.full((16, 24), 0.4, "f4")}
+    path = write(tmp_path / "z.exr", depth, **{"nuke/version": "15.0"})
     assert "nuke-scanline" in photograph(color, path, "-o", out).err

@@ -81,14 +81,8 @@ def test_dynamic_depth_is_read_behind_the_photograph(by_elements, units, tmp_pat
     assert (ran.code == 0) == (units == "Meters"), ran.err
 
 
-GAIN, PERSON, HAIR = (
-    f"urn:com:apple:photo:{name}"
-    for name in (
-        "2020:aux:hdrgainmap",
-        "2018:aux:portraiteffectsmatte",
-        "2019:aux:semantichairmatte",
-    )
-)
+_AUXILIARY = ("2020:aux:hdrgainmap", "2018:aux:portraiteffectsmatte", "2019:aux:semantichairmatte")
+GAIN, PERSON, HAIR = (f"urn:com:apple:photo:{name}" for name in _AUXILIARY)
 ENDS = {"FloatMinValue": 0.1, "FloatMaxValue": 2.0}
 
 
@@ -147,18 +141,9 @@ def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
     np.testing.assert_allclose(read_color(file).pixels[4, 4:8], 0.022, atol=0.02)
     values = near_left(near=20 if kind == 2 else 235).astype(np.uint8)
     said = {"representation_type": kind, "z_near": 0.5, "z_far": 9.0, "d_min": 0.1, "d_max": 2.0}
-    lens = (
-        "--focal-length",
-        "70mm",
-        "--fnumber",
-        "1",
-        "--sensor-width",
-        "7mm",
-        "--focus-at",
-        "5,5",
-    )
+    lens = ("--focal-length", "70mm", "--fnumber", "1", "--sensor-width", "7mm", *BLUR[2:])
     with heic(values, np.asarray(pillow_heif.open_heif(str(file))), **said):
-        for words in (BLUR, (*lens, *BLUR[2:]), ("--blur", "8px")):
+        for words in (BLUR, lens, ("--blur", "8px")):
             succeed("render", file, *words, "-o", tmp_path / "b.png", "--overwrite")
             made = pixels(tmp_path / "b.png")
             assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])

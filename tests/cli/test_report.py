@@ -62,12 +62,8 @@ def test_libraries_say_nothing_when_the_process_ends(tmp_path):
     """What is still held when the interpreter goes would be listed as leaked."""
     color = save(tmp_path / "a.png", np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
     words = [color, depth_exr(tmp_path / "z.exr"), *LENS, "-o", tmp_path / "out", "--format", "jpg"]
-    ran = subprocess.run(
-        [sys.executable, "-m", "defocus_cli", "render", *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = [sys.executable, "-m", "defocus_cli", "render", *map(str, words)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
     assert ran.stdout == ""
     assert ran.stderr.count("\n") == 1
     assert "a: 24x16" in ran.stderr
@@ -84,11 +80,8 @@ def depths():
     y, x = np.mgrid[:96, :144]
     level, noise = (x + y) / 238, np.random.default_rng(1).normal(0, 0.02, (96, 144))
     edge = [np.clip((x - 72) / width, 0, 1) for width in (8, 1)]
-    fine = np.where(
-        np.mgrid[: 8 * 96, : 8 * 144][1] / 8 + 0.37 / 8 * np.arange(8 * 96)[:, None] < 80.2,
-        1.0,
-        3.0,
-    )
+    down, across = np.mgrid[: 8 * 96, : 8 * 144] / 8
+    fine = np.where(across + 0.37 * down < 80.2, 1.0, 3.0)
     return {
         "few-levels": [1 / (0.1 + 1.5 * share) for share in (np.round(47 * level) / 47, level)],
         "repaired noise": [1 / (0.4 + noise), 1 / (0.4 + 0 * noise)],
@@ -127,8 +120,7 @@ def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path):
     jobs = jobs_file(tmp_path, "a", "b", "c", text=JOBS.replace('"coc"', '"render"'))
     for stem, light in (("a", 1e6), ("b", 2e6)):
         color_exr(tmp_path / "rgb" / f"{stem}.exr", np.full((HEIGHT, WIDTH, 3), light, np.float32))
-    ran = run("batch", jobs, "-o", tmp_path / "out", "--json")
-    assert ran.code == 0, ran.err
+    ran = succeed("batch", jobs, "-o", tmp_path / "out", "--json")
     ((kind, count),) = ran.json["warnings"].items()
     assert count == 4
     assert "4 with warnings in the journal" in ran.err

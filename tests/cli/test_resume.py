@@ -6,7 +6,7 @@ import re
 import subprocess
 
 import pytest
-from batches import again, folders, jobs_file, records
+from batches import again, jobs_file, records
 from command_line import (
     color_exr,
     depth_exr,
@@ -23,8 +23,6 @@ from command_line import (
 from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
 from defocus_core.renderer_version import RENDERER_VERSION
-
-__all__ = ["folders"]
 
 
 @pytest.fixture

@@ -23,10 +23,8 @@ def test_shards_merged_are_one_run(tmp_path, out):
     succeed("batch", path, "-o", out, "--shard", "1/2")
     assert run_batch(path, out, shard=(2, 2)).jobs == 4
     assert not (out / "metadata.jsonl").exists()
-    assert {path.name for path in out.glob("*.jsonl")} == {
-        "journal-1of2.jsonl",
-        "journal-2of2.jsonl",
-    }
+    journals = {f"journal-{number}of2.jsonl" for number in (1, 2)}
+    assert {path.name for path in out.glob("*.jsonl")} == journals
     told = run("merge", out, "--json")
     assert told.json["jobs"] == 10
     assert told.json["missing"] == []

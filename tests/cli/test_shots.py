@@ -1,7 +1,6 @@
 """Shots: numbered frames, a lens that moves, and what frames have in common."""
 
 import numpy as np
-import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import (
@@ -21,7 +20,7 @@ from command_line import (
     texture,
     write_exr,
 )
-from image_files import SCANLINE
+from elements import write
 
 FOCAL = ("--focal-length", "50mm")
 
@@ -100,8 +99,7 @@ def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path)
     planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
     for frame, focus in ((1, 1.5), (2, 3.0)):
         attributes = {"focus": focus, "aperture": 2.0, "pinholeFocalLength": 50.0}
-        file = color.with_name(f"rgb.000{frame}.exr")
-        OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(file))
+        write(color.with_name(f"rgb.000{frame}.exr"), planes, **attributes)
         depth_exr(depth.with_name(f"z.000{frame}.exr"))
     words = ("render", tmp_path / "rgb.#.exr", tmp_path / "z.#.exr", "--lens-from-metadata")
     words = tuple(str(word).replace(".#.", ".####.") for word in words)
@@ -199,8 +197,8 @@ def test_metadata_out_of_range_are_named_by_file_and_attribute(attributes, tmp_p
     rectangle = ((0, 0), (35, 23))
     known = {"focus": 2.0, "pinholeFocalLength": 50.0, "sensorAcquisitionRectangle": rectangle}
     known = {"sensorPhotositePitch": 1000.0, **known}
-    OpenEXR.File({**SCANLINE, **known, **attributes}, planes).write(str(tmp_path / "a.exr"))
-    ran = run("render", tmp_path / "a.exr", tmp_path / "a.exr", "-o", tmp_path / "out",
-              "--lens-from-metadata", "--fnumber", "2", "--depth-unit", "m")  # fmt: skip
+    file = write(tmp_path / "a.exr", planes, **known | attributes)
+    words = ("--lens-from-metadata", "--fnumber", "2", "--depth-unit", "m")
+    ran = run("render", file, file, "-o", tmp_path / "out", *words)
     refused(ran, 2, "malformed", next(iter(attributes)))
     assert "a.exr" in ran.err

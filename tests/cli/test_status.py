@@ -7,9 +7,7 @@ import pytest
 from batches import JOBS, jobs_file
 from command_line import depth_exr, ramp, run
 
-from defocus_cli.words.batch import progress_lines
 from defocus_core import run_batch
-from defocus_core.batch.journal.progress import progress
 
 
 @pytest.mark.parametrize("is_merged", [False, True])
@@ -48,11 +46,10 @@ def test_status_can_be_asked_while_a_batch_runs(tmp_path, out):
     seen = []
 
     def asked(job, record):
-        found = progress(out, 10)
-        seen.append((found, [*progress_lines(out, found)]))
+        seen.append((run("status", out, "--json").json, run("status", out).out))
 
     run_batch(jobs_file(tmp_path), out, ended=asked)
     told, words = seen[1]
-    assert (told.ok, told.left, told.jobs) == (2, 2, 4)
-    assert told.running[0].startswith(f"process {os.getpid()} on ")
-    assert not any("not running" in line for line in words)
+    assert (told["ok"], told["left"], told["jobs"]) == (2, 2, 4)
+    assert told["running"][0].startswith(f"process {os.getpid()} on ")
+    assert "not running" not in words

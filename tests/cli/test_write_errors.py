@@ -11,13 +11,11 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from pathlib import Path
 
 import pytest
-from batches import again, folders, records
+from batches import again, records
 from command_line import LENS, files_under, hidden_in, pair, photograph, refused, render, succeed
 
 from defocus_cli import main
 from defocus_core.picture import plain_path
-
-__all__ = ["folders"]
 
 
 def fill_at_the_third_file(monkeypatch):

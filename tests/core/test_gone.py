@@ -1,6 +1,7 @@
 """What went is refused wherever it is written, with the words that replace it: row by row."""
 
 import re
+from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import version
 
@@ -30,6 +31,13 @@ def fails(words, *args):
     assert re.sub("‹(.*?)›", r"--\1", words) in ran.err
 
 
+@contextmanager
+def told(words):
+    with pytest.raises(df.UsageProblem) as error:
+        yield
+    assert error.value.remedy == words
+
+
 def test_rows_stay_for_two_versions():
     major, minor, *_ = map(int, version("defocus").split("."))
     assert {*GONE} <= {f"{major}.{minor}.0", f"{major}.{minor - 1}.0"}
@@ -54,9 +62,8 @@ def test_keys_that_went(tmp_path):
     for row, words in [*rows("key"), *of_options]:
         table = (row.of or "[lens]").strip("[]")
         tables = {"inputs": {"color": "a.exr"}, table: {row.name: 1}}
-        with pytest.raises(df.UsageProblem) as error:
+        with told(words):
             df.batch_jobs(tables, tmp_path)
-        assert error.value.remedy == words
 
 
 def test_values_that_went(tmp_path):
@@ -64,21 +71,18 @@ def test_values_that_went(tmp_path):
         fails(words, "render", "a.exr", "-o", tmp_path, f"--{row.of}", row.name)
         table = "machine" if row.of == "quality" else "reading"
         tables = {"inputs": {"color": "a.exr"}, table: {row.of: row.name}}
-        with pytest.raises(df.UsageProblem) as error:
+        with told(words):
             df.batch_jobs(tables, tmp_path)
-        assert error.value.remedy == words
         if row.of == "depth-format":
-            with pytest.raises(df.UsageProblem) as error:
+            with told(words):
                 df.read_depth(tmp_path, format=row.name)
-            assert error.value.remedy == words
 
 
 def test_rules_of_compare_that_went():
     for row, words in rows("rule"):
         rule, picture = (row.name if ":" in row.name else f"{row.name}<1"), np.zeros((2, 2))
-        with pytest.raises(df.UsageProblem) as error:
+        with told(words):
             df.compare_images(picture, picture, fail=[rule])
-        assert error.value.remedy == words
 
 
 def test_names_in_python_that_went(golden):

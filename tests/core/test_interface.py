@@ -7,10 +7,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import batches
 import numpy as np
 import pytest
 import torch
-from command_line import HEIGHT, WIDTH, color_exr, pair, ramp, run, texture
+from command_line import HEIGHT, WIDTH, color_exr, ramp, run, texture
 from jobs_files import Machine
 from refusals import refuses
 
@@ -28,24 +29,14 @@ from defocus_core import (
 )
 
 ROOT = Path(defocus_core.__file__).parent
-NAMES = [
-    name
-    for names in defocus_core._GROUPS.values()
-    for row in names.values()
-    for name in row.split()
-]
+ROWS = [row for names in defocus_core._GROUPS.values() for row in names.values()]
+NAMES = " ".join(ROWS).split()
 
 
 def tables(folder, **more):
     """The tables of a jobs file for one picture and three lenses."""
-    color, depth = pair(folder)
-    return {
-        "inputs": {"color": str(color), "depth": str(depth)},
-        "lens": {"focal-length": "50mm", "fnumber": 2},
-        "sweep": {"focus": ["1.5m", "2m", "3m"]},
-        "outputs": {"kinds": ["coc"]},
-        **more,
-    }
+    lens = {"focal-length": "50mm", "fnumber": 2}
+    return batches.tables(folder, lens=lens, sweep={"focus": ["1.5m", "2m", "3m"]}, **more)
 
 
 def problem(error):
@@ -147,14 +138,9 @@ def test_a_batch_goes_on_where_it_stopped(tmp_path, out):
 
 
 def test_the_command_line_goes_on_with_a_batch_of_python(tmp_path, out):
-    color, depth = pair(tmp_path)
-    file = tmp_path / "jobs.toml"
-    file.write_text(
-        f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[outputs]\nkinds = ["coc"]\n'
-        '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
-    )
-    assert run_batch(file, out).statuses["ok"] == 1
-    assert run("batch", file, "-o", out, "--processes", "1", "--json").json["done_before"] == 1
+    file = batches.jobs_file(tmp_path)
+    assert run_batch(file, out).statuses["ok"] == 4
+    assert run("batch", file, "-o", out, "--json").json["done_before"] == 4
 
 
 def test_jobs_can_be_chosen_before_they_are_done(tmp_path, out):

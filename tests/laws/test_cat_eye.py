@@ -38,15 +38,10 @@ def test_a_scene_is_the_same_in_pixels_of_any_aspect(aspect, squeeze):
         image[:, y : y + 4, x : x + 4] = 1
 
     def coarse(values):  # along the axis of the longer pixels
-        return (
-            values.unflatten(-1, (-1, 2)).mean(-1)
-            if aspect > 1
-            else values.unflatten(-2, (-1, 2)).mean(-2)
-        )
+        dim = -1 if aspect > 1 else -2
+        return values.unflatten(dim, (-1, 2)).mean(dim)
 
-    lens = lens_values(
-        50.0, 2.0, 2000.0, cat_eye=(1.05, 0.7 / 0.3), squeeze=squeeze, sensor_width=20.0
-    )
+    lens = lens_values(cat_eye=(1.05, 0.7 / 0.3), squeeze=squeeze, sensor_width=20.0)
 
     def seen(image, radius, aspect):
         size = image.shape[:-3:-1]

@@ -13,7 +13,13 @@ from renderers import QUALITIES
 from defocus_core import Aperture, render
 
 MIRROR = {"obstruction": 0.4}
-GAUSSIAN = {"psf_type": "gaussian"}
+GAUSSIAN, REFERENCE = {"psf_type": "gaussian"}, {"quality": "reference"}
+INWARD, OUTWARD = GAUSSIAN | {"spherical": -1.0}, GAUSSIAN | {"spherical": 1.0}
+RING = INWARD | {"obstruction": 0.95, "squeeze": 20.0}
+TALL = GAUSSIAN | {"spherical": 0.7, "squeeze": 0.05}
+FLAT = GAUSSIAN | {"blades": 3, "curvature": 0.0, "squeeze": 0.6}
+WHOLE, PAIR = {"size": 1.0, "vignetting": True}, {"model": "smooth"}
+HALF, BRAIN = torch.float16, torch.bfloat16
 CASES = [
     # an opaque disc that hides the frame, in part or all of it
     *(
@@ -28,7 +34,7 @@ CASES = [
         for k in (-1.0, 1.0)
     ),
     # parts of the pupil that see nothing of the frame
-    *(Extreme(radius=r, pupil=GAUSSIAN, options={"quality": "reference"}) for r in (400.0, 5000.0)),
+    *(Extreme(radius=r, pupil=GAUSSIAN, options=REFERENCE) for r in (400.0, 5000.0)),
     # numbers of the pupil where they begin
     Extreme(pupil={"obstruction": 0.0}, learnt="obstruction"),
     Extreme(pupil={"blades": 5, "curvature": 0.0}, learnt="curvature"),
@@ -43,59 +49,18 @@ CASES = [
     Extreme(radius=30.0, pupil={"image": dots()}),
     Extreme(radius=300.0, rim={"size": 0.1, "shift": 0.09}),
     # a light next to focus that is drawn as a disc, beside one that is not
-    Extreme(
-        (9, 1),
-        0.3,
-        side=-1,
-        lights=3,
-        dtype=torch.float16,
-        seed=21891,
-        pupil={"psf_type": "gaussian", "spherical": -1.0},
-        options={"quality": "reference"},
-    ),
-    Extreme(
-        (1, 9),
-        0.3,
-        side=-1,
-        light=1e-3,
-        lights=3,
-        dtype=torch.float64,
-        seed=20492,
-        pupil={"psf_type": "gaussian", "spherical": 1.0},
-        rim={"size": 1.0, "vignetting": True},
-        pair={"model": "smooth"},
-    ),
+    Extreme((9, 1), 0.3, "constant", -1, 1.0, 3, HALF, 21891, INWARD, options=REFERENCE),
+    Extreme((1, 9), 0.3, "constant", -1, 1e-3, 3, torch.float64, 20492, OUTWARD, WHOLE, PAIR),
     # halves of unequal shares that learn
-    Extreme(
-        (1, 1),
-        60.0,
-        pupil={"blades": 3, "curvature": 0.0, "psf_type": "gaussian", "squeeze": 0.6},
-        learnt="squeeze",
-    ),
+    Extreme((1, 1), 60.0, pupil=FLAT, learnt="squeeze"),
     # a ring 0.4 px wide, of which hardly any part sees the frame: the disc of a light is divided by
     # this share, which is summed up in another way, and was 1.55 times the light
-    Extreme(
-        (2, 3),
-        kind="checkerboard",
-        side=0,
-        seed=22373,
-        pupil={"psf_type": "gaussian", "obstruction": 0.95, "spherical": -1.0, "squeeze": 20.0},
-        pair={"model": "smooth"},
-        learnt="spherical",
-    ),
+    Extreme((2, 3), 4.0, "checkerboard", 0, seed=22373, pupil=RING, pair=PAIR, learnt="spherical"),
     # hidden surfaces of two slices, whose radii learn
-    Extreme(
-        (2, 3),
-        15.0,
-        "random",
-        side=-1,
-        dtype=torch.bfloat16,
-        seed=11764,
-        pupil={"psf_type": "gaussian", "spherical": 0.7, "squeeze": 0.05},
-    ),
+    Extreme((2, 3), 15.0, "random", -1, dtype=BRAIN, seed=11764, pupil=TALL),
     Extreme(light=1e30, kind="random", side=0),
     Extreme(light=0.0, kind="random", side=0),
-    Extreme(light=65504.0, kind="random", side=0, dtype=torch.float16),
+    Extreme(light=65504.0, kind="random", side=0, dtype=HALF),
 ]
 
 
@@ -183,11 +148,9 @@ def test_what_an_opaque_disc_nearly_hides_is_not_rounding(quality, radius):
     image, far = Extreme((48, 64), dtype=torch.float64, lights=0).scene()
     far = torch.full_like(far, radius)
     pupil = Aperture(**MIRROR)
-    wide, narrow = (
-        render(i, r, aperture=pupil, quality=quality, left_right=True).images
-        for i, r in ((image, far), (image.float(), far.float()))
-    )
-    for one, other in zip(wide, narrow, strict=True):
+    options = {"aperture": pupil, "quality": quality, "left_right": True}
+    wide, narrow = render(image, far, **options), render(image.float(), far.float(), **options)
+    for one, other in zip(wide.images, narrow.images, strict=True):
         assert worst(one, other.double()) < 1e-4
 
 

@@ -232,19 +232,13 @@ def test_gradients_to_the_shape_of_the_pupil_are_those_by_differences(
     number = torch.tensor(value, dtype=torch.float64, requires_grad=True)
     (gradient,) = torch.autograd.grad(seen(number), number)
     step, (minimum, maximum) = 1e-5, ends
-    at = (
-        [0, 1, 2]
-        if value - step < minimum
-        else [0, -1, -2]
-        if value + step > maximum
-        else [0, 1, -1]
-    )
+    is_inside = minimum <= value - step and value + step <= maximum
+    by = step if value + step <= maximum else -step  # into the range
     first, second, third = (
-        float(seen(torch.tensor(value + step * k, dtype=torch.float64))) for k in at
+        float(seen(torch.tensor(value + by * k, dtype=torch.float64)))
+        for k in (0, 1, -1 if is_inside else 2)
     )
-    slope = (4 * second - 3 * first - third) / (2 * step * at[1])
-    if at[2] == -1:
-        slope = (second - third) / (2 * step)
+    slope = (second - third if is_inside else 4 * second - 3 * first - third) / (2 * by)
     assert float(gradient) == pytest.approx(slope, rel=1e-3, abs=1e-4)
 
 

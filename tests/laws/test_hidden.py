@@ -62,11 +62,8 @@ def test_behind_what_is_known_the_farthest_is_invented_where_the_lens_sees_past_
 
 @pytest.mark.parametrize("kind", ["slanted", "level", "focused"])
 def test_all_of_a_smooth_surface_is_trusted(kind):
-    radius = {
-        "slanted": slanted(SIZE),
-        "level": torch.full(SIZE, 6.0, dtype=torch.float64),
-        "focused": torch.zeros(SIZE, dtype=torch.float64),
-    }[kind]
+    level = torch.full(SIZE, 6.0).double()
+    radius = {"slanted": slanted(SIZE), "level": level, "focused": 0 * level}[kind]
     trust = render(pattern(SIZE), radius).trust
     assert trust.shape == (1, *SIZE)
     assert worst(inner(trust, BORDER), 1.0) < 0.01

@@ -11,10 +11,13 @@ COLORS = {"dark on grey": (0.02, 0.5), "bright on dark": (0.9, 0.2), "light": (2
 RADII = [(-9.0, 0.0), (0.0, 9.0), (-6.0, 6.0)]
 
 
+Y, X = (((torch.arange(FINE * n) + 0.5) / FINE).double() for n in SIZE)
+FROM_MIDDLE = torch.hypot(X - 47.3, Y[:, None] - 36.7)
+
+
 def disc():
     """Samples of a disc that one row of pixels cuts by any share, many a pixel."""
-    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
-    return ((x - 47.3).square() + (y[:, None] - 36.7).square() < 21.4**2).double()
+    return (FROM_MIDDLE < 21.4).double()
 
 
 def blurred(samples, radius):
@@ -89,8 +92,7 @@ def test_a_silhouette_before_a_wall_that_is_known_is_as_smooth(kind, radii):
 
 def half_plane():
     """Samples left of a line at 17 degrees."""
-    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
-    return (x - 47.3 + 0.3057 * (y[:, None] - 36.7) < 0).double()
+    return (X - 47.3 + 0.3057 * (Y[:, None] - 36.7) < 0).double()
 
 
 def crossings(shown, half):
@@ -135,16 +137,13 @@ def test_a_light_in_focus_adds_to_the_plane_behind_what_is_the_planes(light):
 
 def ring():
     """Samples of a ring 12 px wide."""
-    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
-    off = ((x - 47.3).square() + (y[:, None] - 36.7).square()).sqrt()
-    return ((off - 21.4).abs() < 6.2).double()
+    return ((FROM_MIDDLE - 21.4).abs() < 6.2).double()
 
 
 def strands():
     """Samples of a half of the frame with strands of 1.5 px, 8 px long, at its edge."""
-    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
-    strand = (y[:, None] % 6 < 1.5) & (x < 50)
-    return (strand | (x < 42)).double()
+    strand = (Y[:, None] % 6 < 1.5) & (X < 50)
+    return (strand | (X < 42)).double()
 
 
 def psnr(seen, truth, coverage, reach, contrast):

@@ -17,13 +17,6 @@ def spread(size, maximum):
     return maximum * (2 * torch.rand(size, generator=torch.Generator().manual_seed(2)) - 1)
 
 
-def card(size, near, far):
-    """What lies behind the card has to be taken from a background that is hardly farther."""
-    radius = torch.full(size, far)
-    radius[:, size[1] // 2 :] = near
-    return radius
-
-
 @pytest.mark.parametrize("light", [-1.0, 1e30, -1e30])
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_even_light_of_any_sign_stays_even(quality, light):
@@ -86,10 +79,7 @@ def test_the_lens_passes_psf_ks_and_num_layers_on():
 
 def test_progress_counts_tiles():
     calls: list[tuple[int, int]] = []
-    o = render(
-        torch.ones(1, 150, 200),
-        torch.zeros(150, 200),
-        progress=lambda done, total: calls.append((done, total)),
-    )
+    image, radius = torch.ones(1, 150, 200), torch.zeros(150, 200)
+    o = render(image, radius, progress=lambda *done_of: calls.append(done_of))
     count = o.stats["tiles"]
     assert calls == [(k + 1, count) for k in range(count)]

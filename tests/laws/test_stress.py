@@ -82,15 +82,10 @@ def radii(draw, size, kinds):
 def through_a_lens(draw, size, kinds):
     """Signed radii of depths from a centimetre to a thousand kilometres, or the sky."""
     foclen = draw(st.sampled_from([4.0, 50.0, 400.0]))
-    lens = DefocusLens(
-        foclen,
-        draw(st.sampled_from([0.7, 2.8, 64.0])),
-        (36.0, 36.0 * size[0] / size[1]),
-        size[::-1],
-    )
-    lens.refocus(
-        draw(st.sampled_from([math.inf, foclen * 1.00001, foclen * 1.1, foclen * 40, 1e9]))
-    )
+    fnum = draw(st.sampled_from([0.7, 2.8, 64.0]))
+    lens = DefocusLens(foclen, fnum, (36.0, 36.0 * size[0] / size[1]), size[::-1])
+    foci = [math.inf, foclen * 1.00001, foclen * 1.1, foclen * 40, 1e9]
+    lens.refocus(draw(st.sampled_from(foci)))
     decades = draw(st.sampled_from([(1.0, 9.0), (3.0, 4.0), (9.0, 9.0), (1.0, 1.0)]))
     share = depths(draw(kinds), draw(seeds), size)
     z = 10 ** (decades[0] + (decades[1] - decades[0]) * share)

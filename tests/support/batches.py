@@ -3,7 +3,6 @@
 import json
 import os
 
-import pytest
 from command_line import pair, render
 
 JOBS = """
@@ -30,12 +29,15 @@ def jobs_file(folder, *stems, text=JOBS):
     return path
 
 
-@pytest.fixture
-def folders(tmp_path):
-    """Directories of three pictures."""
-    for stem in "abc":
-        color, depth = pair(tmp_path, stem)
-    return color.parent, depth.parent
+def tables(folder, **more):
+    """The tables of a jobs file for one picture by one lens."""
+    color, depth = pair(folder)
+    return {
+        "inputs": {"color": str(color), "depth": str(depth)},
+        "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
+        "outputs": {"kinds": ["coc"]},
+        **more,
+    }
 
 
 def again(folders, out, *args):

@@ -31,11 +31,6 @@ def box(x0, y0, x1, y1):
     return np.array([x0, y0], np.int32), np.array([x1, y1], np.int32)
 
 
-def write_window(path, planes, data, display):
-    header = {**SCANLINE, "dataWindow": data, "displayWindow": display}
-    OpenEXR.File(header, planes).write(str(path))
-
-
 def write_deep(path):
     samples = np.empty((4, 5), dtype=object)
     for index in np.ndindex(samples.shape):

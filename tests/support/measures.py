@@ -2,12 +2,18 @@
 
 import math
 
-import torch
+import numpy as np
 
 
 def worst(a, b):
     """Greatest difference."""
     return float((a.double() - b).abs().max())
+
+
+def centroid(light):
+    """Column and row of the middle of light [..., H, W]."""
+    light = np.asarray(light, np.float64).reshape(-1, *light.shape[-2:]).sum(0)
+    return [float(np.arange(len(x)) @ x / x.sum()) for x in (light.sum(0), light.sum(1))]
 
 
 def psnr(a, b):
@@ -18,15 +24,3 @@ def psnr(a, b):
 def inner(image, border):
     """Without a border."""
     return image[..., border : image.shape[-2] - border, border : image.shape[-1] - border]
-
-
-def centred(length):
-    """Coordinates of pixels from the middle one."""
-    return torch.arange(length, dtype=torch.float64) - length // 2
-
-
-def centroid(image):
-    """Column and row of the first channel's centre of mass, from the middle pixel."""
-    share = image[0].double() / image[0].double().sum()
-    H, W = share.shape
-    return float((share.sum(0) * centred(W)).sum()), float((share.sum(1) * centred(H)).sum())

@@ -10,26 +10,20 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import torch
+from elements import write
+from image_files import from_srgb, save, to_srgb
 
-from defocus_core import render
-from defocus_core.compare.comparison import compare_pair, compare_pictures
-from defocus_core.compare.findings.table import is_place
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.picture import DecodedPicture
-from defocus_core.compare.record import CompareSettings
-from defocus_core.compare.thresholds import PRESETS, Rules
-from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core import compare_images, render
 from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
 
 Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128
-_NO_RULES = Rules()
 _SAMPLES = Path(__file__).parents[2] / "sample_scenes"
 _TRUTH = Path(__file__).parents[3] / "shared" / "truth"
 SCENES = {
@@ -55,21 +49,6 @@ def scene():
     return (image * (1 - cover) + cover * (6.0, 5.0, 3.0)).astype(np.float16).astype(np.float32)
 
 
-def compared(a, b, rules=_NO_RULES, **settings):
-    """The record of two files."""
-    return compare_pair(FilePair(b.name, a, b), rules, CompareSettings(**settings))[0]
-
-
-def write_planes(path, planes, compression=None, **header):
-    """An EXR file in scan lines, ZIP compressed unless another codec is named."""
-    codec = OpenEXR.ZIP_COMPRESSION if compression is None else compression
-    settings = {"compression": codec, "type": OpenEXR.scanlineimage, **header}
-    whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    OpenEXR.File(settings, whole).write(str(path))
-    return path
-
-
 def planes(image, dtype=np.float16):
     """The channels R, G and B of an image."""
     return {name: image[..., index].astype(dtype) for index, name in enumerate("RGB")}
@@ -88,13 +67,11 @@ def blurred(image, sigma):
     return np.asarray(image, np.float32)
 
 
-def warped(image, degrees=0.0, scale=1.0, dx=0.0):
-    """Turned and enlarged around the middle, bicubic by Catmull-Rom."""
+def warped(image, scale=1.0, dx=0.0):
+    """Enlarged around the middle, bicubic by Catmull-Rom."""
     height, width = image.shape[:2]
-    y, x = np.mgrid[0:height, 0:width] - np.float64([[[height - 1]], [[width - 1]]]) / 2
-    c, s = np.cos(np.radians(degrees)) / scale, np.sin(np.radians(degrees)) / scale
-    row = (c * y + s * x) + (height - 1) / 2
-    column = (c * x - s * y) + (width - 1) / 2 - dx
+    middle = np.float64([[[height - 1]], [[width - 1]]]) / 2
+    row, column = (np.mgrid[0:height, 0:width] - middle) / scale + middle - [[[0]], [[dx]]]
     total = np.zeros_like(image)
     for k, j in product(range(-1, 3), repeat=2):
         top, left = np.floor(row) + k, np.floor(column) + j
@@ -112,20 +89,15 @@ def converted(name, image):
     return image @ between_primaries(REC_709, NAMED[name]).T
 
 
-def summed(image, kernel):
-    """Through a kernel [k, k] of odd side, of any sum."""
-    reach = len(kernel) // 2
+def through_disc(image, radius=2.0):
+    reach = int(np.ceil(radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    kernel = np.clip(radius + 0.5 - np.hypot(y, x), 0, 1)
     padded = np.pad(image, [(reach, reach), (reach, reach), (0, 0)], mode="edge")
     height, width = image.shape[:2]
     weights = np.ndenumerate(kernel / kernel.sum())
     total = sum(w * padded[y : y + height, x : x + width] for (y, x), w in weights if w)
     return np.asarray(total, np.float32)
-
-
-def through_disc(image, radius=2.0):
-    reach = int(np.ceil(radius))
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    return summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
 
 
 def halved(image):
@@ -177,7 +149,7 @@ class Shot:
     @property
     def shown(self):
         """Values of 8 bits, as 0…1."""
-        return _rounded(linear_to_srgb(self.light.clip(0, 1)))
+        return _rounded(to_srgb(self.light.clip(0, 1)))
 
     @property
     def near(self):
@@ -278,9 +250,7 @@ def shown_as(make, noise=0.0):
     """A pair of light in 8 bits, with noise of B of so many steps."""
 
     def made(m, s):
-        a, b = (
-            {n: linear_to_srgb(np.clip(v, 0, 1)) for n, v in side.items()} for side in make(m, s)
-        )
+        a, b = ({n: to_srgb(np.clip(v, 0, 1)) for n, v in side.items()} for side in make(m, s))
         steps = noise / 255 * m.rng.uniform(-1, 1, (len(b), *m.depth.shape))
         noisy = {n: v + step for (n, v), step in zip(b.items(), steps, strict=True)}
         return tuple({n: _rounded(v) for n, v in side.items()} for side in (a, noisy))
@@ -305,45 +275,27 @@ def tones(curve):
     """A curve of the sRGB-encoded values below 1; light beyond keeps its distance to white."""
 
     def change(m, s):
-        shown = curve(linear_to_srgb(m.light.clip(0, 1)), s)
-        return srgb_to_linear(shown.clip(0, 1)) + np.maximum(m.light - 1, 0)
+        shown = curve(to_srgb(m.light.clip(0, 1)), s)
+        return from_srgb(shown.clip(0, 1)) + np.maximum(m.light - 1, 0)
 
     return change
-
-
-_GLYPHS = {
-    "D": "1111010001100011000110001100011110",
-    "E": "11111100001111010000100001000011111",
-    "R": "11110100011000111110101001001010001",
-    "O": "01110100011000110001100011000101110",
-    "T": "11111001000010000100001000010000100",
-    "S": "01111100001000001110000010000111110",
-}
-
-
-def _written(m, s, scale, color, opacity):
-    """With letters of 5 x 7 squares of ``scale`` px, edges anti-aliased."""
-    height, width = m.depth.shape
-    y, x = m.rng.integers(0, height // 2), m.rng.integers(0, width // 4)
-    cover = np.zeros((height, width, 1), np.float32)
-    for k, letter in enumerate("STORED"[: 3 + int(3 * s)]):
-        bits = np.array([*_GLYPHS[letter].ljust(35, "0")], np.float32).reshape(7, 5, 1)
-        part = cover[y : y + 7 * scale, x + k * 6 * scale :][:, : 5 * scale]
-        part += np.kron(bits, np.ones((scale, scale, 1)))[: part.shape[0], : part.shape[1]]
-    cover = opacity * blurred(cover, 0.4).clip(0, 1)
-    return m.light * (1 - cover) + cover * np.float32(color)
 
 
 _COLORS = ((1, 1, 1), (0, 0, 0), (1, 0.8, 0.1), (0.1, 0.2, 0.8))
 
 
-def _lettered(m, s):
-    color = _COLORS[int(m.rng.integers(0, 4))]
-    return _written(m, s, int(m.rng.integers(1, 4)), color, 0.6 + 0.4 * s)
-
-
-def _watermarked(m, s):
-    return _written(m, s, int(m.rng.integers(4, 9)), (1, 1, 1), _between(0.04, 0.4)(s))
+def _written(m, s):
+    """With signs of 5 x 7 squares of one to three px, edges anti-aliased."""
+    color, scale = _COLORS[int(m.rng.integers(0, 4))], int(m.rng.integers(1, 4))
+    height, width = m.depth.shape
+    y, x = m.rng.integers(0, height // 2), m.rng.integers(0, width // 4)
+    cover = np.zeros((height, width, 1), np.float32)
+    for k in range(3 + int(3 * s)):
+        bits = m.rng.random((7, 5, 1)) < 0.5
+        part = cover[y : y + 7 * scale, x + k * 6 * scale :][:, : 5 * scale]
+        part += np.kron(bits, np.ones((scale, scale, 1)))[: part.shape[0], : part.shape[1]]
+    cover = (0.6 + 0.4 * s) * blurred(cover, 0.4).clip(0, 1)
+    return m.light * (1 - cover) + cover * np.float32(color)
 
 
 def _radial(m, s):
@@ -381,7 +333,7 @@ def _jpeg(image, quality, subsampling="4:2:0"):
 
 def _bilateral(image, strength=0.08):
     """Smeared as by a denoiser: means of neighbours that are alike."""
-    shown = linear_to_srgb(image.clip(0, 1)).mean(axis=2)
+    shown = to_srgb(image.clip(0, 1)).mean(axis=2)
     total, weights = np.zeros_like(image), np.zeros((*shown.shape, 1), np.float32)
     for dy, dx in np.ndindex(5, 5):
         moved, beside = (np.roll(v, (dy - 2, dx - 2), (0, 1)) for v in (image, shown))
@@ -396,13 +348,6 @@ def _denoised(m, s):
     return _rgb(noisy), _rgb(clean)
 
 
-def _cleaned_png(m, s):
-    noise = _between(1.5, 8)(s) / 255 * m.rng.standard_normal(m.shown.shape)
-    noisy = _rounded(m.shown + noise)
-    clean = (m.shown, _rounded(_bilateral(noisy, 0.1)))[int(m.rng.integers(0, 2))]
-    return _rgb(noisy), _rgb(clean)
-
-
 def _right_half_moved(m, s):
     half = m.light.shape[1] // 2
     b = m.light.copy()
@@ -414,15 +359,6 @@ def _light_missing(m, s):
     (y, x), (cy, cx) = m.yx, m.rng.uniform(-0.7, 0.7, 2)
     lit = np.exp(-((y - cy) ** 2 + (x - cx) ** 2) / 0.15)[..., None]
     return m.light * (1 - _between(0.05, 0.9)(s) * lit)
-
-
-def _environment(m, s):
-    y, x = m.yx
-    phase = m.rng.uniform(0, 6, 3)
-    shade = np.stack(
-        [np.sin(2.2 * x + 1.7 * y + p) * np.cos(1.3 * x - 2 * y + p) for p in phase], 2
-    )
-    return m.light * (1 + _between(0.03, 0.5)(s) * shade * (0.4 + m.near[..., None]))
 
 
 def of_alpha(change):
@@ -461,36 +397,11 @@ def _seams(m, s):
     return b
 
 
-def _covered(m, s):
-    """A block of the picture replaced by another part of it."""
-    b, (height, width) = m.light.copy(), m.depth.shape
-    b[height // 2 : height // 2 + 60, 20:110] = m.light[10:70, width // 2 : width // 2 + 90]
-    return b
-
-
-def _dropped(m, s):
-    b, n = m.light.copy(), round(_between(3, 30)(s))
-    b[m.rng.integers(0, len(b), n), m.rng.integers(0, b.shape[1], n)] = 0
-    return b
-
-
-def _equalised(m, s):
-    """Luma with as many pixels of each level; differences of colour are kept."""
-    luma = m.shown @ _LUMA
-    levels = np.searchsorted(np.sort(luma.ravel()), luma.ravel()).reshape(luma.shape) / luma.size
-    return _rounded(m.shown + (0.3 + 0.7 * s) * (levels - luma)[..., None])
-
-
 def _moved_by_sinc(m, s):
     """Moved by parts of a pixel by the phases of its frequencies."""
     phases = np.exp(-2j * np.pi * np.fft.fftfreq(m.light.shape[1]) * _between(0.2, 0.8)(s))
     moved = np.fft.ifft(np.fft.fft(m.light, axis=1) * phases[:, None], axis=1)
     return np.asarray(moved.real, np.float32)
-
-
-def _specks(m, s):
-    """A few white pixels."""
-    return np.where(m.rng.random((*m.depth.shape, 1)) < 1e-4 + 3e-4 * s, 1.0, m.shown)
 
 
 def _dark_border(m, s):
@@ -518,7 +429,6 @@ _COC = ("another CoC", "softer")
 _SOFT = (*_COC, "sharper")
 _NOISE = ("noise",)
 _TONES = ("another tone curve", "another gamma", "offset or contrast")
-_HUE = np.float32([[0.9, -0.1, 0.2], [0.2, 0.9, -0.1], [-0.1, 0.2, 0.9]])
 
 
 def _light(right, change, plausible=()):
@@ -552,16 +462,9 @@ KINDS: dict[str, Kind] = {
     "ids shuffled": Kind(("ids exchanged",), _shuffled, _REGION),
     # Of renders by other options.
     "f-number": Kind(_SOFT, of_render(lambda s: {"scale": 1 / (1 + _between(0.02, 0.5)(s))})),
-    "radii doubled": Kind(_SOFT, of_render(lambda s: {"scale": 2.0})),
     "focus moved": Kind(_SOFT, of_render(lambda s: {"shift": _between(0.3, 2)(s)})),
     # Of places.
-    "text": _light(_REGION, _lettered),
-    "watermark": _light(_REGION, _watermarked),
-    "denoised tile": _light(
-        ("in one region", "softer"),
-        within(lambda m, s: _bilateral(m.light, _between(0.02, 0.2)(s))),
-        _REGION,
-    ),
+    "text": _light(_REGION, _written),
     "blurred tile": _light(
         ("in one region", "softer"),
         within(lambda m, s: blurred(m.light, _between(0.5, 3)(s))),
@@ -570,7 +473,6 @@ KINDS: dict[str, Kind] = {
     "brighter tile": _light(
         ("in one region",), within(lambda m, s: m.light * (1 + _between(0.01, 0.5)(s))), _REGION
     ),
-    "a block of another place": _light(("in one region",), _covered),
     "grey object": _light(
         _REGION,
         lambda m, s: (
@@ -578,36 +480,16 @@ KINDS: dict[str, Kind] = {
             + _between(0.1, 1.0)(s) * m.near[..., None] * ((m.light @ _LUMA)[..., None] - m.light)
         ),
     ),
-    "object brighter": _light(
-        _REGION, lambda m, s: m.light * (1 + _between(0.02, 1)(s) * m.near[..., None])
-    ),
     "object moved": _light(_REGION, _object_moved),
     "right half moved": _light(("in one region",), _right_half_moved, _REGION),
     "light missing": _light(_REGION, _light_missing),
-    "environment rotated": _light(_REGION, _environment),
-    "cropped to black": _light(
-        ("crop",),
-        lambda m, s: m.light * (np.abs(m.yx).max(axis=0) < 0.99 - 0.2 * s)[..., None],
-        _REGION,
-    ),
     "seams": _light(("seams",), _seams),
     "gain of tiles": _light(("seams",), _tile_gains),
     "hot pixels": _light(
         ("fireflies",),
         lambda m, s: m.light + _between(0.2, 20)(s) * (m.rng.random((*m.depth.shape, 1)) < 2e-4),
     ),
-    "dropped pixels": _light(("fireflies",), _dropped),
     # Of alpha and passes.
-    "alpha thinner": Kind(
-        ("multiplied", "another exposure"),
-        of_alpha(lambda a, w, s: (a, w * (1 - _between(0.01, 0.5)(s)))),
-    ),
-    "alpha blurred": Kind(
-        _COC, of_alpha(lambda a, w, s: (a, through_disc(w[..., None], 1 + 4 * s)[..., 0]))
-    ),
-    "alpha to a power": Kind(
-        _TONES, of_alpha(lambda a, w, s: (a, w ** (1 + _between(0.05, 1)(s))))
-    ),
     "divided by alpha": Kind(
         ("premultiplication",),
         of_alpha(lambda a, w, s: (np.where(w[..., None] > 0, a / w.clip(1e-6)[..., None], 0), w)),
@@ -629,8 +511,6 @@ KINDS: dict[str, Kind] = {
     "tone curve": _light(
         _TONES, tones(lambda v, s: v + _between(0.1, 0.8)(s) * v * (1 - v) * (v - 0.5))
     ),
-    "filmic": _light(_TONES, lambda m, s: m.light / (1 + _between(0.05, 0.5)(s) * m.light)),
-    "contrast": _light(_TONES, tones(lambda v, s: 0.5 + (1 + _between(0.02, 0.2)(s)) * (v - 0.5))),
     "veiled": _light(
         ("offset or contrast",), lambda m, s: m.light + _between(0.005, 0.06)(s) * (1 - m.light)
     ),
@@ -647,33 +527,16 @@ KINDS: dict[str, Kind] = {
         ("primaries or saturation",),
         lambda m, s: converted(("Rec. 2020", "Display P3", "ACES AP1")[int(2.99 * s)], m.light),
     ),
-    "hue turned": _light(("primaries or saturation",), lambda m, s: m.light @ _HUE),
     "clipped": _light(
         ("clipped",), lambda m, s: np.minimum(m.light, np.quantile(m.light, 0.999 - 0.3 * s))
     ),
-    "red clipped": _light(
-        ("clipped",), lambda m, s: of_channel(m.light, 0, np.minimum(m.light, 0.8 - 0.5 * s))
-    ),
     "cut from below": _light(("clipped",), lambda m, s: np.maximum(m.light, 0.005 + 0.03 * s)),
     "6 bits": _light(
-        ("quantised to",),
-        lambda m, s: srgb_to_linear(_rounded(linear_to_srgb(m.light.clip(0, 1)), _bits(s))),
+        ("quantised to",), lambda m, s: from_srgb(_rounded(to_srgb(m.light.clip(0, 1)), _bits(s)))
     ),
     "6 bits in 8": _shown(("quantised to",), lambda m, s: _rounded(m.shown, _bits(s))),
     "lift, PNG": _shown(
         ("offset or contrast",), lambda m, s: m.shown + _between(1.5, 24)(s) / 255, _TONES
-    ),
-    "lift of light, PNG": _shown(
-        ("offset or contrast",),
-        lambda m, s: linear_to_srgb(
-            (srgb_to_linear(m.shown) + _between(0.003, 0.06)(s)).clip(0, 1)
-        ),
-        _TONES,
-    ),
-    "green offset, PNG": _shown(
-        ("offset or contrast", "another exposure"),
-        lambda m, s: m.shown + _between(1.5, 20)(s) / 255 * np.float32([0, 1, 0]),
-        _TONES,
     ),
     "gamma, PNG": _shown(
         ("another gamma",), lambda m, s: m.shown ** (1 + _between(0.02, 0.6)(s)), _TONES
@@ -683,35 +546,16 @@ KINDS: dict[str, Kind] = {
     "gaussian blur": _light(
         _COC, lambda m, s: blurred(m.light, _between(0.35, 4)(s)), ("lower resolution",)
     ),
-    "larger disc": _light(
-        _COC, lambda m, s: through_disc(m.light, _between(0.7, 6)(s)), ("lower resolution",)
-    ),
-    "red blurred": _light(
-        _COC, lambda m, s: of_channel(m.light, 0, through_disc(m.light, 1 + 2 * s))
-    ),
     "focus pulled": _light(_COC, lambda m, s: pulled(m.light, np.arange(0.5, 2 + 3 * s, 0.5))),
     "resized and back": _light(("lower resolution",), _smaller, _COC),
-    "half resolution": _light(
-        ("lower resolution",),
-        lambda m, s: (
-            np.kron(halved(m.light), np.ones((2, 2, 1)))
-            if s < 0.5
-            else resized(halved(m.light), m.depth.shape, "triangle")
-        ),
-        _COC,
-    ),
     "sharpened, PNG": _shown(
         ("sharper",),
         lambda m, s: m.shown + _between(0.15, 2)(s) * (m.shown - blurred(m.shown, 1.2)),
         ("another CoC",),
     ),
     "noise removed": Kind(("softer",), _denoised, ("noise",)),
-    "noise removed, PNG": Kind(("softer",), _cleaned_png, ("noise",), _PNG),
     "smeared": _light(("softer",), lambda m, s: _bilateral(m.light, _between(0.04, 0.2)(s))),
     "noise": _light(("noise",), lambda m, s: m.noisy(_between(0.003, 0.06)(s))),
-    "another seed": Kind(
-        ("noise",), lambda m, s: tuple(_rgb(m.noisy(_between(0.003, 0.06)(s))) for _ in "ab")
-    ),
     "dithered": _shown(
         ("noise", "too small to name"),
         lambda m, s: m.shown + _between(1, 8)(s) / 255 * (m.rng.random(m.shown.shape) - 0.5),
@@ -721,37 +565,23 @@ KINDS: dict[str, Kind] = {
         lambda m, s: _jpeg(m.shown, round(97 - 50 * s)),
         ("too small to name",),
     ),
-    "darker, then JPEG": _shown(
-        ("compressed with losses", "another exposure", *_TONES),
-        lambda m, s: _jpeg(linear_to_srgb((0.9 * m.light).clip(0, 1)), round(97 - 30 * s), "4:4:4"),
-    ),
     # What photographs were misnamed for.
-    "equalised, PNG": _shown(_REGION, _equalised, _TONES),
     "grain, PNG": _shown(
         ("noise",),
         lambda m, s: (
             m.shown + _between(3, 12)(s) / 255 * m.rng.standard_normal((*m.depth.shape, 1))
         ),
     ),
-    "specks, PNG": _shown(("fireflies",), _specks),
     "dark border, PNG": _shown(("at the border",), _dark_border, _REGION),
     "moved by sinc": _light(("shifted",), _moved_by_sinc),
     # Of geometry.
-    "red moved": _light(
-        ("shifted",), lambda m, s: of_channel(m.light, 0, warped(m.light, dx=_between(0.1, 2)(s)))
-    ),
-    "blue enlarged": _light(
-        ("scaled",),
-        lambda m, s: of_channel(m.light, 2, warped(m.light, scale=1 + _between(0.002, 0.02)(s))),
-    ),
     "shift": _light(("shifted",), lambda m, s: warped(m.light, dx=_between(0.05, 2.5)(s))),
     "overscan cropped": _light(
         ("scaled", "shifted"), lambda m, s: warped(m.light, scale=_between(1.002, 1.08)(s))
     ),
 }
 # What is also done to pictures of 8 bits, and to those with noise of two steps.
-_IN_8_BITS = ("text", "watermark", "resized and back", "tone curve", "saturation", "f-number")
-_IN_8_BITS += ("seams", "hot pixels")
+_IN_8_BITS = ("text", "resized and back", "tone curve", "saturation", "seams", "hot pixels")
 _NOISY = ("primaries", "focus pulled", "gaussian blur", "white balance", "overscan cropped")
 for _names, _noise, _also in ((_IN_8_BITS, 0.0, ()), (_NOISY, 2.5, _NOISE)):
     for _name in _names:
@@ -793,19 +623,19 @@ BENIGN: dict[str, Kind] = {
 }
 
 
-def _decoded(planes, dtype, name):
-    height, width = next(iter(planes.values())).shape
-    stored = planes if dtype == _PNG else {n: p.astype(dtype) for n, p in planes.items()}
-    kind = {"float16": "half", "float32": "float"}.get(dtype, dtype)
-    types, gamma = dict.fromkeys(stored, kind), None if dtype == _PNG else 1.0
-    return DecodedPicture(Path(name), width, height, stored, types, gamma=gamma)
-
-
 def pair(row, scene, strength, seed):
     """The record of a planted fault by the rules of a render."""
-    sides = row.make(shot(scene, seed), strength)
-    a, b = (_decoded(p, row.dtype, f"{n}.exr") for p, n in zip(sides, "ab", strict=True))
-    return compare_pictures("pair", a, b, PRESETS["render"], CompareSettings())[0]
+    with TemporaryDirectory() as folder:
+        files = []
+        for side, name in zip(row.make(shot(scene, seed), strength), "ab", strict=True):
+            path, planes = Path(folder, name), side.items()
+            if row.dtype == _PNG:
+                samples = np.stack([np.rint(255 * plane) for _, plane in planes], 2)
+                files.append(save(path.with_suffix(".png"), samples.astype(np.uint8)))
+            else:
+                stored = {n: plane.astype(row.dtype) for n, plane in planes}
+                files.append(write(path.with_suffix(".exr"), stored))
+        return compare_images(*files, like="render")
 
 
 def judged(row, record):
@@ -819,6 +649,6 @@ def judged(row, record):
         return "right", said
     if not said or said == ["too small to name"]:
         return ("right" if row.right == _REGION else "none"), said
-    if all(is_place(n) or n.startswith((*row.plausible, *NO_CAUSE)) for n in said):
+    if all(n.startswith((*_REGION, *row.plausible, *NO_CAUSE)) for n in said):
         return "plausible", said
     return "wrong", said

@@ -63,14 +63,12 @@ def record(out, name, kinds=("render", "coc"), level=0, **more):
         outputs[kind] = {"path": path, "size": len(data), "mtime_ns": 7, "blake2b": digest}
         preview = {**outputs[kind], "path": f"{kind}/{name}.preview.png"}
         outputs[f"{kind}.preview"] = preview
-    lens = {
-        "focal_length_mm": 50,
-        "fnumber": 2,
-        "sensor_width_mm": 36.0,
-        "focus_mm": 2000,
-        "blades": 0,
-        "blade_rotation_deg": 0,
-    }
+    return line(name, outputs, **more)
+
+
+def line(name, outputs, **more):
+    """The line of a sample that is done."""
+    lens = {"focal_length_mm": 50, "fnumber": 2, "sensor_width_mm": 36.0, "focus_mm": 2000}
     return {
         "sample_id": name,
         "job": "1f",
@@ -81,7 +79,7 @@ def record(out, name, kinds=("render", "coc"), level=0, **more):
         "settings": {},
         "inputs": {role: {"path": f"{role}.exr", "mtime_ns": 7} for role in ("color", "depth")},
         "outputs": outputs,
-        "lens": lens,
+        "lens": lens | {"blades": 0, "blade_rotation_deg": 0},
         "coc_px": [-1, 2.5],
         "size": [4, 3],
         "quality": "high",

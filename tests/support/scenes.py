@@ -59,14 +59,6 @@ def plane(r, size=SIZE):
     return pattern(size), torch.full(size, r, dtype=torch.float64)
 
 
-def highlight(r=6.0, value=1000.0, size=SIZE):
-    """One bright pixel in the middle of black, all at one radius."""
-    H, W = size
-    image = torch.zeros(3, H, W, dtype=torch.float64)
-    image[:, H // 2, W // 2] = value
-    return image, torch.full(size, r, dtype=torch.float64)
-
-
 def card_layers(card_r, background_r, size=SIZE, margin=14):
     """A bright card with straight edges before waves, whole also where the card hides them."""
     h, w = size[0] + 2 * margin, size[1] + 2 * margin

@@ -5,8 +5,6 @@ same. Shapes are shares of the frame, so that times at two sizes can be compared
 in number, not in size.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -31,11 +29,7 @@ class Scenery(NamedTuple):
 
 
 def scenery(kind: str, height: int, width: int, radius: float) -> Scenery:
-    """The scene of a kind, blurred by `radius` px at most.
-
-    `height`: height of the frame in px; `width`: width of the frame in px; `radius`: the greatest
-    |r| in px; a frame all in focus has none.
-    """
+    """The scene of a kind, of height and width in px, blurred by `radius` px at most."""
     y = (torch.arange(height) + 0.5)[:, None] / height
     x = (torch.arange(width) + 0.5)[None, :] / width
     signed_radius = KINDS[kind](x, y, radius).expand(height, width)
@@ -43,21 +37,6 @@ def scenery(kind: str, height: int, width: int, radius: float) -> Scenery:
     if kind == "lights":
         image = _lit(0.2 * image)
     return Scenery(image, signed_radius.contiguous())
-
-
-def _focus(x: Tensor, y: Tensor, r: float) -> Tensor:
-    """A whole frame in focus: a floor that never leaves the depth of field."""
-    return _IN_FOCUS * (1 - 2 * y) + 0 * x
-
-
-def _plane(x: Tensor, y: Tensor, r: float) -> Tensor:
-    """One plane out of focus."""
-    return torch.full_like(x * y, r)
-
-
-def _floor(x: Tensor, y: Tensor, r: float) -> Tensor:
-    """A floor through the focus: disparity, and so r, is linear in y."""
-    return r * (1 - 2 * y) + 0 * x
 
 
 def _cards(x: Tensor, y: Tensor, r: float) -> Tensor:
@@ -70,21 +49,6 @@ def _cards(x: Tensor, y: Tensor, r: float) -> Tensor:
     return radius
 
 
-def _thin(x: Tensor, y: Tensor, r: float) -> Tensor:
-    """Wires close to the lens before a floor that recedes from the focus."""
-    return torch.where(_wires(x, y), -r, r * (1 - y))
-
-
-def _lights(x: Tensor, y: Tensor, r: float) -> Tensor:
-    """Lights far away, behind wires in focus."""
-    return torch.where(_wires(x, y), 0.0, r)
-
-
-def _maximum(x: Tensor, y: Tensor, r: float) -> Tensor:
-    """Four fifths of the frame in focus; above them the ground recedes out of it."""
-    return r * (1 - 5 * y).clamp(min=0) + 0 * x
-
-
 def _wires(x: Tensor, y: Tensor) -> Tensor:
     """[H, W] bool: a fence of upright and of level wires."""
     width = x.shape[1]
@@ -94,15 +58,15 @@ def _wires(x: Tensor, y: Tensor) -> Tensor:
     return ((x * 8) % 1 < 8 * thick) | ((y * 4) % 1 < 4 * tall)
 
 
-# The kinds by name.
+# The signed radius by name of the kind, of places x and y and the greatest radius.
 KINDS: dict[str, Callable[[Tensor, Tensor, float], Tensor]] = {
-    "focus": _focus,
-    "plane": _plane,
-    "floor": _floor,
+    "focus": lambda x, y, r: _IN_FOCUS * (1 - 2 * y) + 0 * x,  # a floor within the depth of field
+    "plane": lambda x, y, r: torch.full_like(x * y, r),
+    "floor": lambda x, y, r: r * (1 - 2 * y) + 0 * x,  # through the focus: linear in y
     "cards": _cards,
-    "thin": _thin,
-    "lights": _lights,
-    "most": _maximum,
+    "thin": lambda x, y, r: torch.where(_wires(x, y), -r, r * (1 - y)),  # close wires, and a floor
+    "lights": lambda x, y, r: torch.where(_wires(x, y), 0.0, r),  # far away, behind wires in focus
+    "most": lambda x, y, r: r * (1 - 5 * y).clamp(min=0) + 0 * x,  # four fifths are in focus
 }
 
 

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from command_line import failed, read_exr, refused, run, succeed, write_exr
 
-from defocus_core.picture.lens_fit import words
-
 LENS = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "1.6m", "--blades", "0")
 
 
@@ -28,20 +26,19 @@ def pair(tmp_path_factory):
 
 
 def test_the_lens_file_renders_the_picture_again(pair, tmp_path):
-    folder = tmp_path
-    succeed("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
-    lens = tomllib.loads((folder / "lens.toml").read_text())
+    succeed("fit", *pair, "-o", tmp_path / "lens.toml", "--focal-length", "50mm")
+    lens = tomllib.loads((tmp_path / "lens.toml").read_text())
     assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
-    lens = ("--lens", folder / "lens.toml", "-o", folder / "again", "--exr-type", "float")
+    lens = ("--lens", tmp_path / "lens.toml", "-o", tmp_path / "again", "--exr-type", "float")
     succeed("render", *pair[:2], *lens)
-    again, seen = (read_exr(path) for path in (folder / "again" / "render" / "a.exr", pair[2]))
+    again, seen = (read_exr(path) for path in (tmp_path / "again" / "render" / "a.exr", pair[2]))
     error = max(float(np.sqrt(np.mean((again[c] - seen[c]) ** 2))) for c in "RGB")
     assert error < 0.005
 
 
 def test_it_tells_the_lens_in_words_and_in_json(pair):
-    (record,) = run("fit", *pair, "--json", "--sensor-width", "24mm").json["pairs"]
-    told = "\n".join(words(record))
+    small = ("fit", *pair, "--sensor-width", "24mm")
+    (record,), told = run(*small, "--json").json["pairs"], run(*small).out
     assert f"focus {record['focus_m']:.4g} m" in told
     assert "residual " in told
     assert record["focus_m"] == pytest.approx(1.6, rel=0.02)
@@ -51,19 +48,18 @@ def test_it_tells_the_lens_in_words_and_in_json(pair):
 
 
 def test_the_sensor_of_a_pair_is_written_for_render(pair, tmp_path):
-    folder = tmp_path
     sensor = ("--dp-model", "smooth", "--dp-crosstalk", "0.2", "--outputs", "left,right")
-    succeed("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
-    left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
-    sought = ("--right", right, "--dual-pixel", "--exposure", "--shift", "-o", folder / "dp.toml")
+    succeed("render", *pair[:2], *LENS, *sensor, "-o", tmp_path / "dp", "--exr-type", "float")
+    left, right = (tmp_path / "dp" / side / "a.exr" for side in ("left", "right"))
+    sought = ("--right", right, "--dual-pixel", "--exposure", "--shift", "-o", tmp_path / "dp.toml")
     ran = succeed("fit", *pair[:2], left, *sought)
     assert "photodiodes smooth, crosstalk 0.2" in ran.out
-    lens = tomllib.loads((folder / "dp.toml").read_text())
+    lens = tomllib.loads((tmp_path / "dp.toml").read_text())
     assert lens["dp-crosstalk"] == pytest.approx(0.2, abs=0.01)
     assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
-    asked = ("--lens", folder / "dp.toml", "--outputs", "left", "--exr-type", "float")
-    succeed("render", *pair[:2], *asked, "-o", folder / "dp2")
-    again, seen = (read_exr(path) for path in (folder / "dp2" / "left" / "a.exr", left))
+    asked = ("--lens", tmp_path / "dp.toml", "--outputs", "left", "--exr-type", "float")
+    succeed("render", *pair[:2], *asked, "-o", tmp_path / "dp2")
+    again, seen = (read_exr(path) for path in (tmp_path / "dp2" / "left" / "a.exr", left))
     assert max(float(np.abs(again[c] - seen[c]).mean()) for c in "RGB") < 2e-3
 
 

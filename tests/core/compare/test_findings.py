@@ -1,6 +1,5 @@
 """What happened to a picture is named, and what changes no value is not taken for a difference."""
 
-import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,13 +8,13 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import run
+from command_line import run, succeed
+from elements import write
 from image_files import box, from_srgb, multi_part, save, to_srgb
 from planted_faults import (
     HEIGHT,
     WIDTH,
     blurred,
-    compared,
     converted,
     halved,
     of_channel,
@@ -25,11 +24,9 @@ from planted_faults import (
     scene,
     through_disc,
     warped,
-    write_planes,
 )
 
-from defocus_core.compare.thresholds import rule
-from defocus_core.reports.comparison_words import line
+from defocus_core import compare_images
 
 Pixels = np.ndarray[Any, Any]
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
@@ -134,9 +131,7 @@ def dark_border(image):
 
 def windowed(path, image, data):
     """With the display window of the scene, whatever the data window is."""
-    write_planes(
-        path, planes(image), dataWindow=data, displayWindow=box(0, 0, WIDTH - 1, HEIGHT - 1)
-    )
+    write(path, planes(image), dataWindow=data, displayWindow=box(0, 0, WIDTH - 1, HEIGHT - 1))
 
 
 def narrow(path, image):
@@ -158,7 +153,8 @@ def _parts(path, image, order="RGB"):
 
 def _written(compression=None, dtype=np.float16, **header):
     codec = compression and getattr(OpenEXR, f"{compression}_COMPRESSION")
-    return lambda path, image: write_planes(path, planes(image, dtype), codec, **header)
+    header |= {"compression": codec} if codec else {}
+    return lambda path, image: write(path, planes(image, dtype), **header)
 
 
 def _tiles(path, image, tile=(32, 16)):
@@ -189,26 +185,26 @@ def names(record):
 
 @pytest.fixture
 def a(tmp_path):
-    return write_planes(tmp_path / "a.exr", planes(scene()))
+    return write(tmp_path / "a.exr", planes(scene()))
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_fails_and_is_named(fault, tmp_path):
     change, words = FAULTS[fault]
     dtype = (np.float16, np.float32)[list(FAULTS).index(fault) % 2]
-    a = write_planes(tmp_path / "a.exr", planes(scene(), dtype))
-    b = write_planes(tmp_path / "b.exr", planes(change(scene()), dtype))
+    a = write(tmp_path / "a.exr", planes(scene(), dtype))
+    b = write(tmp_path / "b.exr", planes(change(scene()), dtype))
     ran = run("compare", a, b, "--json")
     assert (ran.code, ran.err) == (1, "")
-    (pair,) = json.loads(ran.out)["pairs"]
+    (pair,) = ran.json["pairs"]
     assert words in f"{pair['line']},"
-    for name in (finding["name"] for finding in pair["findings"]):
-        assert rule(f"found:{name}").is_met({}, [name])  # rules know it
+    for finding in pair["findings"]:
+        assert not compare_images(a, b, fail=[f"found:{finding['name']}"]).passes  # rules know it
 
 
 def test_what_is_sharper_is_told_from_what_is_softer(a, tmp_path):
-    b = write_planes(tmp_path / "b.exr", planes(blurred(scene(), 2)))
-    (finding,) = compared(b, a).findings
+    b = write(tmp_path / "b.exr", planes(blurred(scene(), 2)))
+    (finding,) = compare_images(b, a).findings
     assert finding.text == "sharper by about 3.9 px"
 
 
@@ -227,17 +223,17 @@ def test_faults_of_integers_are_named(fault, dtype, tmp_path):
         spoiled = change((stored / top).astype(np.float32))
     a = save(tmp_path / "a.png", stored)
     b = save(tmp_path / "b.png", np.rint(spoiled * top).astype(dtype))
-    record = compared(a, b)
-    assert not record.passes
+    ran = run("compare", a, b)
+    assert ran.code == 1
     # Factors and powers are as exact as the integers.
-    assert (words if fault in _OF_INTEGERS else words.partition(":")[0]) in line(record)
+    assert (words if fault in _OF_INTEGERS else words.partition(":")[0]) in ran.out
 
 
 def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path):
     encoded = to_srgb(scene().clip(0, 1))
     a = save(tmp_path / "a.png", np.rint(encoded * 65535).astype(np.uint16))
     b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
-    record = compared(a, b)
+    record = compare_images(a, b)
     assert names(record) == ["quantised to 8 bits"]
     assert record.notes == ("R, G, B uint8 instead of uint16",)
 
@@ -245,25 +241,21 @@ def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path):
 def test_light_in_an_exr_and_in_a_png_are_compared_as_light(a, tmp_path):
     encoded = to_srgb(scene().clip(0, 1))
     b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
-    record = compared(a, b)
-    assert [finding.text for finding in record.findings] == [
-        "clipped at 1",
-        "quantised to 8 bits (sRGB-encoded)",
-    ]
+    record = compare_images(a, b)
+    texts = [finding.text for finding in record.findings]
+    assert texts == ["clipped at 1", "quantised to 8 bits (sRGB-encoded)"]
     assert record.encoding == "linear"
 
 
 def test_views_that_were_swapped_are_named(tmp_path):
     left, right = planes(scene()), planes(np.roll(scene(), 3, 1) ** 1.3)
     for folder, first, second in (("a", left, right), ("b", right, left)):
-        write_planes(tmp_path / folder / "left" / "x.exr", first)
-        write_planes(tmp_path / folder / "right" / "x.exr", second)
-        write_planes(tmp_path / folder / "y_left.exr", first)
-        write_planes(tmp_path / folder / "y_right.exr", second)
+        write(tmp_path / folder / "left" / "x.exr", first)
+        write(tmp_path / folder / "right" / "x.exr", second)
+        write(tmp_path / folder / "y_left.exr", first)
+        write(tmp_path / folder / "y_right.exr", second)
         views = {f"left.{n}": p for n, p in first.items()}
-        write_planes(
-            tmp_path / folder / "z.exr", views | {f"right.{n}": p for n, p in second.items()}
-        )
+        write(tmp_path / folder / "z.exr", views | {f"right.{n}": p for n, p in second.items()})
     ran = run("compare", tmp_path / "a", tmp_path / "b")
     assert ran.out.count("DIFFERENT: left and right swapped,") == 5
 
@@ -271,7 +263,7 @@ def test_views_that_were_swapped_are_named(tmp_path):
 def test_a_missing_and_a_further_channel_are_named(tmp_path):
     whole = {**planes(scene()), "A": np.ones((HEIGHT, WIDTH), np.float16)}
     part = {name: plane for name, plane in whole.items() if name != "B"}
-    a, b = write_planes(tmp_path / "a.exr", whole), write_planes(tmp_path / "b.exr", part)
+    a, b = write(tmp_path / "a.exr", whole), write(tmp_path / "b.exr", part)
     assert "DIFFERENT: missing channel B" in run("compare", a, b).out
     assert "DIFFERENT: further channel B" in run("compare", b, a).out
     loose = run("compare", a, b, "--fail", "max>100")
@@ -282,9 +274,9 @@ def test_rounding_to_half_is_named(tmp_path):
     values = {
         name: plane * np.float32(1.0001) for name, plane in planes(scene(), np.float32).items()
     }
-    a = write_planes(tmp_path / "a.exr", values)
-    b = write_planes(tmp_path / "b.exr", {n: p.astype(np.float16) for n, p in values.items()})
-    assert names(compared(a, b)) == ["rounded to half"]
+    a = write(tmp_path / "a.exr", values)
+    b = write(tmp_path / "b.exr", {n: p.astype(np.float16) for n, p in values.items()})
+    assert names(compare_images(a, b)) == ["rounded to half"]
 
 
 @pytest.mark.parametrize("change", ["another picture", "a patch"])
@@ -294,8 +286,8 @@ def test_what_is_not_understood_gets_no_cause(change, a, tmp_path):
         spoiled[20:30, 50:61] = np.random.default_rng(3).random((10, 11, 3))
     else:
         spoiled = np.random.default_rng(3).random(spoiled.shape)
-    b = write_planes(tmp_path / "b.exr", planes(spoiled))
-    record = compared(a, b)
+    b = write(tmp_path / "b.exr", planes(spoiled))
+    record = compare_images(a, b)
     assert record.status == "different"
     place = ["in one region"] if change == "a patch" else []
     assert names(record) == place
@@ -311,35 +303,35 @@ def test_the_same_values_written_in_another_way_are_the_same(how, a, tmp_path):
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.startswith("b.exr: same")
     assert run("compare", tmp_path / "b.exr", a).code == 0
-    assert compared(a, tmp_path / "b.exr").findings == ()
+    assert compare_images(a, tmp_path / "b.exr").findings == ()
 
 
 def test_what_differs_without_changing_a_value_is_noted(a, tmp_path):
     BENIGN["codec PIZ"](tmp_path / "b.exr", scene())
-    assert compared(a, tmp_path / "b.exr").notes == ("compression PIZ instead of ZIP",)
+    assert compare_images(a, tmp_path / "b.exr").notes == ("compression PIZ instead of ZIP",)
     BENIGN["float of half"](tmp_path / "b.exr", scene())
-    assert compared(a, tmp_path / "b.exr").notes == ("R, G, B float instead of half",)
+    assert compare_images(a, tmp_path / "b.exr").notes == ("R, G, B float instead of half",)
     BENIGN["more data than is shown"](tmp_path / "b.exr", scene())
-    (note,) = compared(a, tmp_path / "b.exr").notes
+    (note,) = compare_images(a, tmp_path / "b.exr").notes
     assert note == "data window 144x98 at -8,-4 instead of 128x90 at 0,0"
 
 
 def test_zero_outside_of_a_smaller_data_window_is_the_same(tmp_path):
-    a = write_planes(tmp_path / "a.exr", planes(dark_border(scene())))
+    a = write(tmp_path / "a.exr", planes(dark_border(scene())))
     narrow(tmp_path / "b.exr", scene())
-    assert compared(a, tmp_path / "b.exr").status == "same"
+    assert compare_images(a, tmp_path / "b.exr").status == "same"
     narrow(tmp_path / "c.exr", 2 * scene())
-    assert compared(a, tmp_path / "c.exr").status == "different"
+    assert compare_images(a, tmp_path / "c.exr").status == "different"
 
 
 def test_minus_zero_is_zero_and_nan_is_nan(tmp_path):
     image = scene()
     image[:4] = 0.0
     image[5, 6], image[7, 8], image[9, 9] = np.nan, np.inf, -np.inf
-    a = write_planes(tmp_path / "a.exr", planes(image))
+    a = write(tmp_path / "a.exr", planes(image))
     image[:4] = -0.0
-    b = write_planes(tmp_path / "b.exr", planes(image))
-    record = compared(a, b)
+    b = write(tmp_path / "b.exr", planes(image))
+    record = compare_images(a, b)
     assert record.status == "same"
     assert record.notes == ("NaN in 1 pixel of both", "Inf in 2 pixels of both")
 
@@ -355,7 +347,7 @@ def test_metadata_counts_only_if_asked_for(a, tmp_path):
 
 def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path):
     for folder, more in (("A", {}), ("B", {"chromaticities": P3})):
-        write_planes(tmp_path / folder / "a.exr", planes(scene()), **more)
+        write(tmp_path / folder / "a.exr", planes(scene()), **more)
     a, b = tmp_path / "A", tmp_path / "B"
     said = "a.exr: warning: other primaries declared: Display P3 instead of Rec. 709"
     ran = run("compare", a, b)
@@ -374,7 +366,7 @@ def test_integers_written_in_another_way_are_the_same(samples, other, tmp_path):
         "png16": lambda: save(tmp_path / "b.png", values.astype(np.uint16) * 257),
         "tiles": lambda: save(tmp_path / "b.tif", values, tile=(16, 16)),
     }
-    assert compared(a, ways[other]()).status == "same"
+    assert compare_images(a, ways[other]()).status == "same"
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -382,7 +374,7 @@ def test_integers_written_in_another_way_are_the_same(samples, other, tmp_path):
 def test_nan_and_inf_on_one_side_fail_whatever_the_thresholds(value, swap, a, tmp_path):
     image = scene()
     image[40, 60] = value
-    b = write_planes(tmp_path / "b.exr", planes(image))
+    b = write(tmp_path / "b.exr", planes(image))
     sides = (b, a) if swap else (a, b)
     ran = run("compare", *sides, "--fail", "max>1e9", "--fail", "psnr<0")
     assert ran.code == 1
@@ -393,10 +385,10 @@ def test_nan_and_inf_on_one_side_fail_whatever_the_thresholds(value, swap, a, tm
 def test_infinities_of_another_sign_differ(tmp_path):
     image = scene()
     image[40, 60] = np.inf
-    a = write_planes(tmp_path / "a.exr", planes(image))
+    a = write(tmp_path / "a.exr", planes(image))
     image[40, 60] = -np.inf
-    b = write_planes(tmp_path / "b.exr", planes(image))
-    assert compared(a, b).status == "different"
+    b = write(tmp_path / "b.exr", planes(image))
+    assert compare_images(a, b).status == "different"
 
 
 def test_renders_by_another_fnumber_have_another_coc(tmp_path):
@@ -404,10 +396,9 @@ def test_renders_by_another_fnumber_have_another_coc(tmp_path):
     for fnumber in ("2", "4"):
         lens = ["--focal-length", "75mm", "--sensor-width", "54mm", "--focus", "1.6m"]
         words = ["--fnumber", fnumber, "-o", tmp_path / fnumber]
-        ran = run("render", folder / "rgb.exr", folder / "depth.exr", *lens, *words)
-        assert ran.code == 0, ran.err
+        succeed("render", folder / "rgb.exr", folder / "depth.exr", *lens, *words)
     files = [tmp_path / fnumber / "render" / "rgb.exr" for fnumber in ("2", "4")]
-    (finding,) = compared(*files).findings
+    (finding,) = compare_images(*files).findings
     assert finding.name == "another CoC"
     assert "sharper" in finding.text
     assert "fnumber 4 instead of 2" in finding.text
@@ -418,7 +409,7 @@ def test_what_rounding_hides_is_too_small_to_name(tmp_path):
     steps = np.random.default_rng(2).random(shown.shape) < 0.2
     a = save(tmp_path / "a.png", shown.clip(1, 254))
     b = save(tmp_path / "b.png", shown.clip(1, 254) + steps)
-    record = compared(a, b)
+    record = compare_images(a, b)
     assert names(record) == ["too small to name"]
 
 
@@ -427,24 +418,21 @@ def test_what_is_softer_and_sharper_in_places_is_told(a, tmp_path):
     half = np.arange(WIDTH)[None, :, None] < WIDTH // 2
     one = np.where(half, scene(), blurred(scene(), 3))
     other = np.where(half, blurred(scene(), 3), scene())
-    a = write_planes(tmp_path / "one.exr", planes(one))
-    b = write_planes(tmp_path / "other.exr", planes(other))
-    (finding,) = compared(a, b).findings
-    assert finding.text in (
-        "softer in places, sharper in others",
-        "sharper in places, softer in others",
-    )
+    a = write(tmp_path / "one.exr", planes(one))
+    b = write(tmp_path / "other.exr", planes(other))
+    (finding,) = compare_images(a, b).findings
+    assert {word.split()[0] for word in finding.text.split(", ")} == {"softer", "sharper"}
 
 
 @pytest.mark.parametrize("light", [True, False], ids=["beside light", "alone"])
 def test_depth_is_multiplied_or_offset_and_not_exposed(light, tmp_path):
     color = planes(scene()) if light else {}
     depth = 1 + 4 * scene()[..., 0].clip(0, 1)
-    a = write_planes(tmp_path / "a.exr", {**color, "Z": depth})
+    a = write(tmp_path / "a.exr", {**color, "Z": depth})
     texts = "multiplied: x 1000", "offset or contrast: +2 of its values"
     for change, text in zip((depth * 1000, depth + 2), texts, strict=True):
-        b = write_planes(tmp_path / "b.exr", {**color, "Z": change.astype(np.float32)})
-        assert [f.text for f in compared(a, b).findings] == ["Z: " * light + text]
+        b = write(tmp_path / "b.exr", {**color, "Z": change.astype(np.float32)})
+        assert [f.text for f in compare_images(a, b).findings] == ["Z: " * light + text]
 
 
 def _soft():
@@ -470,6 +458,6 @@ def _brighter_patch(image):
     ids=["pixels left out", "a patch"],
 )
 def test_what_befalls_a_soft_picture_is_told(change, name, tmp_path):
-    a = write_planes(tmp_path / "a.exr", planes(_soft(), np.float32))
-    b = write_planes(tmp_path / "b.exr", planes(change(_soft()), np.float32))
-    assert names(compared(a, b)) == [name]
+    a = write(tmp_path / "a.exr", planes(_soft(), np.float32))
+    b = write(tmp_path / "b.exr", planes(change(_soft()), np.float32))
+    assert names(compare_images(a, b)) == [name]

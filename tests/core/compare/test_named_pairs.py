@@ -22,10 +22,10 @@ def test_the_help_has_a_row_for_each_finding():
 
 # Of kinds of which test_findings has no picture.
 _STRONG = (
-    *("depth normalised", "radial depth", "light missing", "grey object"),
-    *("right half moved", "blurred tile", "object moved", "blue enlarged", "JPEG", "inverted, PNG"),
-    *("focus moved", "gain of tiles", "overscan cropped", "denoised tile"),
-    *("grain, PNG", "specks, PNG", "dark border, PNG", "moved by sinc", "sharpened, PNG"),
+    *("depth normalised", "radial depth", "ids shuffled", "light missing", "grey object"),
+    *("right half moved", "blurred tile", "object moved", "JPEG", "inverted, PNG", "focus moved"),
+    *("gain of tiles", "divided by alpha", "multiplied by alpha", "overscan cropped", "grain, PNG"),
+    *("hot pixels, PNG", "dark border, PNG", "moved by sinc", "sharpened, PNG"),
 )
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from command_line import write_exr
 from image_files import from_srgb
-from planted_faults import _bilateral, _jpeg, compared, shot
+from planted_faults import _bilateral, _jpeg, shot
 
 from defocus_core import UsageProblem, compare_images
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.thresholds import Rules, matches, read_thresholds, rule
+from defocus_core.compare.thresholds import matches, read_thresholds, rule
 from defocus_core.request.quantities import QuantityError
 
 
@@ -105,9 +105,6 @@ def test_causes_are_looked_for_only_where_a_rule_needs_one(tmp_path):
     names["cut"] = np.maximum(light - 0.5, 0)
     files = {n: write_exr(tmp_path / f"{n}.exr", Y=np.float32(v)) for n, v in names.items()}
 
-    def record(pair, rules):
-        return compared(*(files[name] for name in pair), rules)
-
     for text, pair, found in (
         ("max>1", ("a", "b"), False),
         ("max>1e-6", ("a", "b"), True),
@@ -117,10 +114,11 @@ def test_causes_are_looked_for_only_where_a_rule_needs_one(tmp_path):
         ("found:clipped", ("dark", "a"), False),
         ("found:clipped", ("dark", "cut"), True),  # what is below 0 may be cut off
     ):
-        assert bool(record(pair, Rules(fail=(rule(text),))).findings) is found, text
+        record = compare_images(*(files[name] for name in pair), fail=[text])
+        assert bool(record.findings) is found, text
     for other, found in (("c", False), ("b", True)):  # no screen of 8 bits shows 0.05 %
-        rules = Rules(fail=(rule("max>1"),), warn=(rule("max>1e-6"), rule("hdr-max>0.01")))
-        warned = record(("a", other), rules)
+        warn = ["max>1e-6", "hdr-max>0.01"]
+        warned = compare_images(files["a"], files[other], fail=["max>1"], warn=warn)
         assert (bool(warned.findings), warned.status) == (found, "warning")
 
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from measures import centroid
 
 from defocus_core import Aperture, PupilImage, render
 
@@ -107,17 +108,10 @@ def test_spherical_aberration_is_a_ring_on_one_side_of_focus_and_soft_on_the_oth
 def test_a_point_is_the_picture_of_the_pupil_resampled(radius):
     picture = heart()
     size = 2 * math.ceil(radius) + 1
-    rows, columns = (torch.arange(96, dtype=torch.float64) + 0.5 for _ in range(2))
-    middle = (
-        float(picture.sum(0) @ columns / picture.sum()),
-        float(picture.sum(1) @ rows / picture.sum()),
-    )
-    lit = picture > 0
-    reach = max(
-        float((columns[lit.any(0)] - middle[0]).abs().max()),
-        float((rows[lit.any(1)] - middle[1]).abs().max()),
-    )
-    x, y = (u * (reach + 0.5) + m for u, m in zip(grid(radius, size), middle, strict=True))
+    middle = centroid(picture)
+    lit = picture.nonzero().flip(1)
+    reach = float((lit - torch.tensor(middle)).abs().max())
+    x, y = (u * (reach + 0.5) + m + 0.5 for u, m in zip(grid(radius, size), middle, strict=True))
     within = (x >= 0) & (x < 96) & (y >= 0) & (y < 96)
     light = picture[y.long().clamp(0, 95), x.long().clamp(0, 95)] * within
     expected = counted(light, size)

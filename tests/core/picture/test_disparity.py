@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from command_line import read_exr, succeed, write_exr
+from measures import centroid
 
 from defocus_core import Aperture, DualPixel, PupilImage, render
 
@@ -29,19 +30,13 @@ def light(height, width, side=SIDE):
     return np.exp(-(x[None, :] ** 2 + y[:, None] ** 2) / 4)
 
 
-def along_x(picture):
-    """The centroid of light [H, W] along x."""
-    columns = np.asarray(picture, np.float64).sum(0)
-    return float(columns @ np.arange(len(columns)) / columns.sum())
-
-
 @pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: f"{s.model}-{s.crosstalk:g}")
 @pytest.mark.parametrize("r", [20.0, -20.0])
 def test_left_and_right_are_as_far_apart_as_their_centroids_in_the_opening(sensor, r):
     image, radius = torch.from_numpy(light(64, 64, 64))[None], torch.full((64, 64), r)
     for opening in OPENINGS:
         views = render(image, radius, aperture=opening, left_right=True, dual_pixel=sensor)
-        apart = along_x(views.right[0]) - along_x(views.left[0])
+        apart = centroid(views.right)[0] - centroid(views.left)[0]
         assert r * sensor.disparity(opening, nearer=r < 0) == pytest.approx(apart, rel=0.01)
 
 
@@ -67,11 +62,9 @@ def test_the_map_holds_what_left_and_right_show_at_the_place(opening, metres, tm
     lens = ("--focal-length", "150mm", "--fnumber", "2", "--focus", "2.2m", *opening)
     outputs = ("--outputs", "left,right,disparity", "--exr-type", "float")
     succeed("render", *lens, color, depth, "-o", tmp_path / "o", *outputs)
-    planes = {
-        kind: read_exr(tmp_path / "o" / kind / "a.exr")[channel]
-        for kind, channel in (("left", "G"), ("right", "G"), ("disparity", "disparity"))
-    }
+    kinds = {"left": "G", "right": "G", "disparity": "disparity"}
+    planes = [read_exr(tmp_path / "o" / kind / "a.exr")[name] for kind, name in kinds.items()]
     for square in np.split(np.arange(SIZE[1]), 3):
-        left, right, said = (planes[kind][:, square] for kind in ("left", "right", "disparity"))
-        apart = along_x(right) - along_x(left)
+        left, right, said = (plane[:, square] for plane in planes)
+        apart = centroid(right)[0] - centroid(left)[0]
         assert said[SIDE // 2, SIDE // 2] == pytest.approx(apart, rel=0.01)

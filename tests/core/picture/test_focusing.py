@@ -1,14 +1,12 @@
 """What the depth decides of a lens: the focus at a percentile."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import color_exr, depth_exr, header, refused, run
+from command_line import color_exr, depth_exr, header, run
 from depth_reading import depth_of
 from jobs_files import lens_values
 from refusals import refuses
@@ -49,12 +47,6 @@ def test_the_focus_of_a_percentile_is_written_down(tmp_path):
     assert ran.json["pictures"][0]["lens"]["focus_mm"] == 4000
     assert "focus 4m at percentile(100)" in ran.err
     assert header(tmp_path / "out" / "render" / "a.exr")["defocus:focus"] == "4m"
-
-
-def test_a_focus_that_is_no_percentile_is_refused(tmp_path):
-    for text in ("percentile(101)", "percentile(5m)", "percentile()", "percentile(5, 95)"):
-        lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", text)
-        refused(run("render", "a", "b", "-o", tmp_path / "out", *lens), 2, "malformed", "focus")
 
 
 @pytest.mark.parametrize("focus", [50.000001, 50.00001])

@@ -1,11 +1,8 @@
 """--highlights on photographs: lamps become discs, whose light moves no edge of depth."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
-from command_line import run
+from batches import records
+from command_line import succeed
 from image_files import save
 
 
@@ -22,11 +19,10 @@ def test_the_light_of_lamps_does_not_guide_the_repair_of_depth(tmp_path):
     for word in ("off", "auto"):
         lens = ("--focal-length", "85mm", "--fnumber", "2", "--focus", "2m")
         given = ("--depth-kind", "disparity", "--depth-range", "1m", "20m", "--highlights", word)
-        ran = run(
+        succeed(
             "render", color, depth, *given, *lens, "-o", tmp_path / word, "--sensor-width", "4mm"
         )
-        assert ran.code == 0, ran.err
-        record = json.loads((tmp_path / word / "journal.jsonl").read_text().splitlines()[-1])
+        record = records(tmp_path / word)[-1]
         notes.append((record["depth_note"], record["depth_repair"]))
     assert notes[0] == notes[1]
     assert "repaired" in notes[0][0]

@@ -1,7 +1,5 @@
 """Depth in a wrong unit, or a disparity taken for a distance, is told; plausible depth is not."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

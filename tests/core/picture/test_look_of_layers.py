@@ -1,12 +1,9 @@
 """The look of a lens in pictures of layers: elements over plates, deep pictures, holdouts."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
-from command_line import read_exr, run
+from batches import records
+from command_line import read_exr, succeed
 from deep_files import from_layers, write_deep_samples
 from elements import disc, element, write
 
@@ -47,8 +44,7 @@ def scene(folder, kind):
 def shown(folder, given, *options):
     """The channels of each kind of picture, as `render.R`."""
     out = folder / "out"
-    ran = run("render", *given, "-o", out, *LENS, "--exr-type", "float", *options)
-    assert ran.code == 0, ran.err
+    succeed("render", *given, "-o", out, *LENS, "--exr-type", "float", *options)
     return {
         f"{file.parent.name}.{name}": plane
         for file in out.glob("*/a.exr")
@@ -81,7 +77,7 @@ def test_clipped_lights_of_an_element_are_brightened_and_counted(tmp_path):
     gained = lit - plain
     assert gained.sum() == pytest.approx(7 * 5, rel=0.05)
     assert gained[:10, 44:56].sum() == pytest.approx(7, rel=0.05)
-    record = json.loads((tmp_path / "l/out/journal.jsonl").read_text().splitlines()[-1])
+    record = records(tmp_path / "l/out")[-1]
     assert "2 clipped lights brightened" in record["color_note"]
     plate["R"][0, 0] = 3.0  # measured light
     given[-1] = write(tmp_path / "bright.exr", plate)

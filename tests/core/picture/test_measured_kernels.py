@@ -1,12 +1,10 @@
 """Kernels that were measured of the photodiodes of a dual pixel."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
-from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run
+from batches import records
+from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run, succeed
+from measures import centroid
 
 from defocus_core import samples
 
@@ -32,8 +30,7 @@ def pair():
 
 
 def shown(folder, *args):
-    ran = run("render", *args, "-o", folder, *WIDE, "--exr-type", "float")
-    assert ran.code == 0, ran.err
+    succeed("render", *args, "-o", folder, *WIDE, "--exr-type", "float")
     return {file.parent.name: read_exr(file) for file in folder.glob("*/a.exr")}
 
 
@@ -44,11 +41,7 @@ def test_photodiodes_see_what_their_kernels_say(lights, tmp_path):
     views = shown(tmp_path / "o", *options, "--lens", tmp_path / "sensor.toml")
     plain = shown(tmp_path / "p", *options)
     np.testing.assert_array_equal(views["render"]["G"], plain["render"]["G"])
-    at = np.arange(36)
-    left, right = (
-        (views[name]["G"][:, :36].sum(0) @ at) / views[name]["G"][:, :36].sum()
-        for name in ("left", "right")
-    )
+    left, right = (centroid(views[name]["G"][:, :36])[0] for name in ("left", "right"))
     said = views["disparity"]["disparity"][24, 14]
     assert right - left == pytest.approx(said, abs=0.1)
     # a share of 0.5 - 0.3 u.x: each half is off by 0.6 of the mean square of u.x, a quarter
@@ -65,25 +58,20 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
         '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\naperture-image = "disc.npy"\n'
         '[sweep]\ndp-model = ["smooth", "pair.npy"]\n'
     )
-    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
     assert set(found) == {"a_dpsmooth", "a_dppair"}
     assert found["a_dppair"].lens.dp_kernels is not None
     assert found["a_dppair"].lens.aperture_image is not None
-    record = json.loads((tmp_path / "out/journal.jsonl").read_text().splitlines()[-1])
+    record = records(tmp_path / "out")[-1]
     assert {"aperture_image", "dp_kernels"} <= record["inputs"].keys()
 
-    def done():
-        return len((tmp_path / "out/journal.jsonl").read_text().splitlines())
-
-    before = done()
+    before = len(records(tmp_path / "out"))
     for changed in (False, True):
         if changed:
             np.save(tmp_path / "pair.npy", pair() + 0.01)
-        ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-        assert ran.code == 0, ran.err
-        assert done() == before + changed
+        succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+        assert len(records(tmp_path / "out")) == before + changed
 
 
 @pytest.mark.parametrize(

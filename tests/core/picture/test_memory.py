@@ -1,7 +1,5 @@
 """``--memory`` bounds what a process holds, ``--tile`` sets the grid; neither changes a picture."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """The opening: pictures of it that are none are refused, and a blur in px has its look."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The plain path of a picture, and the table of what else may happen to it."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -63,13 +61,8 @@ def test_what_does_not_apply_is_not_imported(tmp_path):
         "import atexit, sys; from defocus_cli.main import main\n"
         "atexit.register(lambda: print(*sys.modules)); main()"
     )
-    ran = subprocess.run(
-        [sys.executable, "-c", code, "render", *map(str, files), *words],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = [sys.executable, "-c", code, "render", *map(str, files), *words]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     names = [name for name in ran.stdout.split() if name.startswith("defocus_core.")]
     loaded = {name.split(".")[-1] for name in names if f"{steps.__name__}." in name}
     assert loaded == {"table"}

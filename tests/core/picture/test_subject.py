@@ -1,7 +1,5 @@
 """The subject that a picture is focused on where nobody says it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from depth_reading import depth_of

@@ -1,7 +1,5 @@
 """The thin lens obeys its closed forms, in float and in tensors, up to infinity."""
 
-from __future__ import annotations
-
 import math
 import warnings
 
@@ -17,13 +15,8 @@ DEPTHS = torch.tensor([120.0, 800.0, 1999.0, 2000.0, 2500.0, 1e5, math.inf], dty
 
 def camera(foc_dist=2000.0, **changes):
     """A 50 mm f/1.4 on a 36 mm sensor 480 px wide."""
-    lens = DefocusLens(
-        changes.pop("foclen", 50.0),
-        changes.pop("fnum", 1.4),
-        sensor_size=(36.0, 20.25),
-        sensor_res=(480, 270),
-        **{"dtype": torch.float64, **changes},
-    )
+    known = {"foclen": 50.0, "fnum": 1.4, "dtype": torch.float64}
+    lens = DefocusLens(sensor_size=(36.0, 20.25), sensor_res=(480, 270), **known | changes)
     lens.refocus(foc_dist)
     return lens
 
@@ -165,14 +158,8 @@ def test_gradients_of_psf_and_depth_of_field_reach_the_lens(psf_type):
     def outputs(z, foclen, fnum, foc_dist):
         lens = camera(foc_dist, foclen=foclen, fnum=fnum)
         points = torch.stack([z * 0, z * 0, z])
-        left, right = lens.psf_dp(points, 7, psf_type)
-        return (
-            lens.psf(points, ks=8, psf_type=psf_type),
-            left,
-            right,
-            lens.dof(z, 0.03),
-            lens.hyperfocal(0.03),
-        )
+        kernels = (lens.psf(points, ks=8, psf_type=psf_type), *lens.psf_dp(points, 7, psf_type))
+        return *kernels, lens.dof(z, 0.03), lens.hyperfocal(0.03)
 
     assert torch.autograd.gradcheck(outputs, inputs, eps=1e-5, rtol=1e-5)
 

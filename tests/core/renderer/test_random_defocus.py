@@ -1,7 +1,5 @@
 """A random lens for each picture: seeded, within its ranges, and a lens like any other."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -30,10 +28,8 @@ def test_a_picture_of_any_batch_is_what_it_is_alone(back, first):
     """By the compiled back to the last bit; of random sizes, lenses, contents and places."""
     for seed in range(12) if first == 0 else range(12 + 250 * (first - 1), 12 + 250 * first):
         generator = torch.Generator().manual_seed(seed)
-        height, width, k = (
-            int(torch.randint(*ends, (1,), generator=generator))
-            for ends in ((9, 50), (9, 50), (0, 8))
-        )
+        height, width = torch.randint(9, 50, (2,), generator=generator).tolist()
+        k = int(torch.randint(8, (1,), generator=generator))
         light = torch.rand(8, 3, height, width, generator=generator)
         slope = torch.linspace(0, 2000, width) * torch.rand(8, 1, 1, 1, generator=generator)
         cards = torch.rand(8, 1, height, width, generator=generator).round()
@@ -75,21 +71,17 @@ def test_what_is_rendered_is_what_the_lens_drawn_takes():
 
 def test_lenses_are_spread_over_their_ranges_and_stay_within():
     tiny = torch.ones(100, 1, 1, 100), torch.linspace(1000, 2000, 100).expand(100, 1, 1, 100)
-    defocus = RandomDefocus(
-        foclen=Distribution("loguniform", (20, 80)),
-        fnum=Distribution("loguniform", (1, 16)),
-        blades=Distribution("choice", (0, 6)),
-    )
+    foclen, fnum = (Distribution("loguniform", ends) for ends in ((20, 80), (1, 16)))
+    defocus = RandomDefocus(foclen=foclen, fnum=fnum, blades=Distribution("choice", (0, 6)))
     _, lenses = defocus(*tiny, range(100))
-    shares = torch.stack(
-        [
-            (lenses.foclen / 20).log() / math.log(4),
-            lenses.fnum.log() / math.log(16),
-            ((lenses.foc_dist - 1000) / 1000 - 0.05) / 0.9,
-            lenses.blades / 6,
-            lenses.blade_rotation / 360,
-        ]
-    )
+    shares = [
+        (lenses.foclen / 20).log() / math.log(4),
+        lenses.fnum.log() / math.log(16),
+        ((lenses.foc_dist - 1000) / 1000 - 0.05) / 0.9,
+        lenses.blades / 6,
+        lenses.blade_rotation / 360,
+    ]
+    shares = torch.stack(shares)
     assert shares.min() >= -1e-6
     assert shares.max() <= 1 + 1e-6
     assert bool(((shares.mean(1) - 0.5).abs() < 3 * shares.std(1) / math.sqrt(100)).all())
@@ -136,9 +128,8 @@ def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name):
     near = torch.full((2, 1, *SIZE), 700.0)
     known = {"foclen": 85.0, "fnum": 1.4, "foc_dist": 3000.0, "blades": 6, "left_right": True}
     plain, _ = RandomDefocus(**known)(image(2), near, [4, 10])
-    views, lenses = RandomDefocus(**known, **{name: Distribution("uniform", LOOK[name])})(
-        image(2), near, [4, 10]
-    )
+    known[name] = Distribution("uniform", LOOK[name])
+    views, lenses = RandomDefocus(**known)(image(2), near, [4, 10])
     drawn = getattr(lenses, name).tolist()
     assert len(set(drawn)) == 2
     assert all(LOOK[name][0] <= value <= LOOK[name][1] for value in drawn)
@@ -160,13 +151,8 @@ def dataset_sample():
 
 def of_v2(sample):
     tv = pytest.importorskip("torchvision.tv_tensors", reason="not on this system: torchvision")
-    mask = tv.Mask(sample["masks"])
-    return {
-        **sample,
-        "image": tv.Image(sample["image"]),
-        "depth": tv.Mask(sample["depth"]),
-        "masks": mask,
-    }
+    masks = {name: tv.Mask(sample[name]) for name in ("depth", "masks")}
+    return {**sample, "image": tv.Image(sample["image"]), **masks}
 
 
 def of_albumentations(sample):
@@ -210,9 +196,8 @@ def test_noise_is_that_of_the_lens_drawn_and_no_part_of_gradients():
     colors = image(1).expand(2, -1, -1, -1).clone().requires_grad_()
     options = {"left_right": True, "fnum": 8.0}
     clean, _ = RandomDefocus(**options)(colors, depth(2), [3, 4])
-    views, lenses = RandomDefocus(**options, electrons=electrons, read_noise=2.0)(
-        colors, depth(2), [3, 4]
-    )
+    noisy = RandomDefocus(**options, electrons=electrons, read_noise=2.0)
+    views, lenses = noisy(colors, depth(2), [3, 4])
     for number in range(2):
         for view, halves in ((0, 1), (1, 2)):
             light, count = clean.images[view][number], lenses.electrons[number] / halves

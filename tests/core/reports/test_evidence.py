@@ -1,14 +1,14 @@
 """``defocus info`` names formats that the evidence fits."""
 
 import numpy as np
-from command_line import ramp, run, write_exr
+from command_line import ramp, run, succeed, write_exr
 from depth_files import gdepth, npy, png
+from elements import write
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 
 
 def evidence(path, *args):
-    ran = run("info", "--json", path, *args)
-    assert ran.code == 0, ran.err
+    ran = succeed("info", "--json", path, *args)
     (record,) = ran.json["files"]
     told: list[str] = record["evidence"]
     shown = run("info", path, *args).out
@@ -25,11 +25,8 @@ def test_channels_of_unreal(tmp_path):
     planes = {"FinalImageMovieRenderQueue_WorldDepth.R": ramp() * 100}
     header_free = write_exr(tmp_path / "a.exr", **{"R": ramp(), "G": ramp(), "B": ramp() + 1})
     assert evidence(header_free) == ""
-    import OpenEXR
-
-    path = tmp_path / "u.exr"
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
-    assert "unreal-mrq; give --depth-format unreal-mrq" in evidence(path)
+    told = evidence(write(tmp_path / "u.exr", planes))
+    assert "unreal-mrq; give --depth-format unreal-mrq" in told
 
 
 def test_arrays_to_choose_from_are_named_and_their_format(tmp_path):

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from command_line import header, pair, read_exr, render, run, topic
+from command_line import header, pair, photograph, read_exr, run, topic
 
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.request.output_kinds import KINDS
@@ -19,8 +19,7 @@ def name_of(kind):
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
 def test_a_kind_is_written_alone_with_its_name_and_info_tells_what_a_map_shows(kind, tmp_path):
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", kind.name, "--preview")
-    assert ran.code == 0, ran.err
+    photograph(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", kind.name, "--preview")
     file = tmp_path / "out" / kind.name / "a.exr"
     assert header(file)["defocus:kind"] == kind.name
     channels = read_exr(file)

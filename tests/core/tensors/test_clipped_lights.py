@@ -1,7 +1,5 @@
 """Clipped lights get light back: small ones, in their hue, and nothing else."""
 
-from __future__ import annotations
-
 import colorsys
 
 import pytest

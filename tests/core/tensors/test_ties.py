@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from measures import worst
 from torch.nn.functional import avg_pool2d, interpolate, max_pool2d, pad
 
 from defocus_core import render
@@ -70,15 +71,10 @@ def terraces(seed):
 
 def off(image, radius, **options):
     """By how much pictures differ at most whose radii have other last bits, or more digits."""
-    one, *others = (
-        render(*given, left_right=True, **options)
-        for given in ((image, radius), (image, rounded(radius)), (image.double(), radius.double()))
-    )
-    return max(
-        float((a - b).abs().max())
-        for other in others
-        for a, b in zip((*one.images, one.trust), (*other.images, other.trust), strict=True)
-    )
+    given = (image, radius), (image, rounded(radius)), (image.double(), radius.double())
+    seen = [render(*each, left_right=True, **options) for each in given]
+    one, *others = ((*views.images, views.trust) for views in seen)
+    return max(worst(a, b) for other in others for a, b in zip(one, other, strict=True))
 
 
 @pytest.mark.parametrize(

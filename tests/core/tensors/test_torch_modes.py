@@ -1,7 +1,5 @@
 """What is asked for is what is rendered, whatever modes of torch the caller is in."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """What makes no sense is refused at the door, in a line that names it and what would do."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -58,10 +56,8 @@ def test_limits_on_depth_may_be_tensors_and_have_gradients():
 
 
 def test_what_is_a_number_all_the_same_is_taken_for_it():
-    points, whole = (
-        torch.tensor([[0.0, 0.0, 900.0]]),
-        lens().psf(torch.tensor([[0.0, 0, 900]]), ks=33),
-    )
+    points = torch.tensor([[0.0, 0.0, 900.0]])
+    whole = lens().psf(points, ks=33)
     for ks in (33.0, np.int64(33), torch.tensor(33)):
         assert torch.equal(lens().psf(points, ks=ks), whole)
     assert torch.equal(lens().psf([[0, 0, 900]], ks=33), whole)

@@ -4,12 +4,11 @@ import json
 from contextlib import suppress
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 import torch
 from command_line import header
 from command_line import run as run_command
-from image_files import to_srgb
+from image_files import samples_of, to_srgb
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
 from records import journalled, write_index
 from refusals import refuses
@@ -94,7 +93,7 @@ def test_effects_are_absent_where_the_draw_says_so(tmp_path):
 
 def read_by_samples(out):
     for each in samples(out):
-        yield each.sample_id, each.record["split"], each.lens.fnum, shown(each.files["render"])
+        yield each.sample_id, each.record["split"], each.lens.fnum, samples_of(each.files["render"])
 
 
 def read_by_torch(out):
@@ -141,11 +140,6 @@ def read_tars_by_hugging_face(out):
         yield from read_tars(split.cast_column("render.png", datasets.Image(decode=False)))
 
 
-def shown(path):
-    buffer = oiio.ImageBuf(str(path))
-    return buffer.get_pixels(oiio.UINT8)
-
-
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory):
     folder = tmp_path_factory.mktemp("batch")
@@ -174,4 +168,4 @@ def test_each_way_to_read_a_batch_gives_its_samples(read, batch):
     for name, (split, fnum, picture) in found.items():
         line = wanted[name]
         assert (split, fnum) == (line["split"], line["lens"]["fnumber"])
-        assert np.array_equal(picture, shown(batch / line["file_name"]))
+        assert np.array_equal(picture, samples_of(batch / line["file_name"]))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import ranks
 import torch
+from batches import tables
 from command_line import pair, read_exr, write_exr
 from depth_files import png
 from refusals import refuses
@@ -25,18 +26,15 @@ def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp("batch")
     for stem in "ab":
         pair(folder, stem)
-    tables = {
-        "inputs": {
-            "color": str(folder / "rgb" / "*.exr"),
-            "depth": str(folder / "depth" / "*.exr"),
-        },
+    asked = {
+        "inputs": {"color": str(folder / "rgb/*.exr"), "depth": str(folder / "depth/*.exr")},
         "split": {"train": 0.5, "test": 0.5},
         "lens": {"focal-length": "50mm", "fnumber": 2},
         "sweep": {"focus": ["1.5m", "inf"]},
         "outputs": {"kinds": ["left", "coc", "image"], "exr-type": "float"},
         "machine": {"quality": "high"},
     }
-    run_batch(tables, folder / "out")
+    run_batch(asked, folder / "out")
     return folder / "out"
 
 
@@ -64,13 +62,8 @@ def test_a_crop_says_its_place_and_has_its_own_sensor(out):
 
 
 def test_maps_of_tiff_are_read_too(tmp_path):
-    color, depth = pair(tmp_path)
-    tables = {
-        "inputs": {"color": str(color), "depth": str(depth)},
-        "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
-        "outputs": {"kinds": ["coc"], "map-format": "tiff"},
-    }
-    run_batch(tables, tmp_path / "out")
+    outputs = {"kinds": ["coc"], "map-format": "tiff"}
+    run_batch(tables(tmp_path, outputs=outputs), tmp_path / "out")
     ends = BatchDataset(tmp_path / "out", ["coc"])[0]["coc"]
     (sample,) = samples(tmp_path / "out")
     assert (ends.min(), ends.max()) == pytest.approx(sample.coc_px, rel=1e-6)
@@ -80,13 +73,8 @@ def test_a_loader_joins_crops_alike_with_any_workers(out):
     def batches(workers, epoch=0):
         data = BatchDataset(out, ["left", "image"], crop=(8, 12), seed=5)
         data.set_epoch(epoch)
-        loader = DataLoader(
-            data,
-            batch_size=3,
-            shuffle=True,
-            generator=torch.Generator().manual_seed(1),
-            num_workers=workers,
-        )
+        order = {"shuffle": True, "generator": torch.Generator().manual_seed(1)}
+        loader = DataLoader(data, batch_size=3, num_workers=workers, **order)
         return torch.cat([torch.cat([b["left"], b["image"]], 1) for b in loader])
 
     first = batches(0)
@@ -142,22 +130,12 @@ def test_labels_are_beside_their_sample_and_cropped_with_it(tmp_path, monkeypatc
         size = read_exr(color)["R"].shape
         labels = (np.arange(size[0] * size[1]).reshape(size) + number).astype(np.uint16)
         png(tmp_path / "masks" / f"{stem}.png", labels, np.uint16)
-        write_exr(
-            tmp_path / "normals" / f"{stem}.exr",
-            X=2.0 * labels.astype("f4"),
-            Y=-labels.astype("f4"),
-        )
-    tables = {
-        "inputs": {
-            "color": str(color.parent / "*.exr"),
-            "depth": str(depth.parent / "*.exr"),
-            "carry": {name: str(tmp_path / name / "*") for name in ("masks", "normals")},
-        },
-        "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
-        "outputs": {"kinds": ["coc"]},
-    }
-    out = tmp_path / "out"
-    run_batch(tables, out)
+        floats = labels.astype("f4")
+        write_exr(tmp_path / "normals" / f"{stem}.exr", X=2 * floats, Y=-floats)
+    inputs = {"color": str(color.parent / "*.exr"), "depth": str(depth.parent / "*.exr")}
+    inputs["carry"] = {name: str(tmp_path / name / "*") for name in ("masks", "normals")}
+    asked, out = tables(tmp_path, inputs=inputs), tmp_path / "out"
+    run_batch(asked, out)
     tar_shards.write(out, 10**6)
     names = set()
     for sample in samples(out):
@@ -169,26 +147,24 @@ def test_labels_are_beside_their_sample_and_cropped_with_it(tmp_path, monkeypatc
         assert names < {*tar.getnames()}
         rows = {m.name.partition(".")[2]: tar.extractfile(m).read() for m in tar}
     assert decode_sample(rows)["normals"].shape[0] == 2
-    assert run_batch(tables, out).skipped == 2
+    assert run_batch(asked, out).skipped == 2
     sample.files["masks"].unlink()
     with monkeypatch.context() as patch:  # another file system
         patch.setattr(Path, "hardlink_to", refuse_link)
-        assert run_batch(tables, out).skipped == 1
+        assert run_batch(asked, out).skipped == 1
     assert not sample.files["masks"].samefile(tmp_path / "masks" / "b.png")
     assert sample.files["masks"].read_bytes() == (tmp_path / "masks" / "b.png").read_bytes()
-    for number, item in enumerate(
-        BatchDataset(tmp_path / "out", ["coc", "masks", "normals"], crop=4)
-    ):
+    for number, item in enumerate(BatchDataset(out, ["coc", "masks", "normals"], crop=4)):
         top, left, *_ = item["place"].tolist()
         whole = torch.arange(size[0] * size[1]).reshape(size) + number
         cut = whole[top : top + 4, left : left + 4].int()
         assert torch.equal(item["masks"], cut[None])
         assert torch.equal(item["normals"], torch.stack([2 * cut, -cut]).float())
     with refuses("replaces-input"):
-        run_batch(tables, tmp_path)
+        run_batch(asked, tmp_path)
     (tmp_path / "masks" / "b.png").unlink()
     with refuses("empty"):
-        run_batch(tables, tmp_path / "out")
+        run_batch(asked, out)
 
 
 @pytest.mark.parametrize("name", ["coc", "shards", "json", "../up", "a.b", "Masks"])

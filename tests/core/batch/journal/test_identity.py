@@ -7,15 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from jobs_files import Machine, Outputs, PictureFiles, Reading, job_of
 
 from defocus_core.batch.journal import resume
 from defocus_core.errors import Place
 from defocus_core.renderer_version import RENDERER_VERSION
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
-from defocus_core.request.lens import Draw, LensValues
+from defocus_core.request.lens import Draw
 
-PICTURE = PictureFiles("a", Path("in/a.exr"), Path("in/z.exr"))
-JOB = Job(PICTURE, LensValues(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
+JOB = job_of(Path("in/a.exr"), Path("in/z.exr"), Path("out"))
+PICTURE = JOB.picture
 DRAW = Draw(7, "a", 3)
 HIDDEN = replace(PICTURE, hidden=PictureFiles("b", Path("b.exr"), Path("c.exr")))
 

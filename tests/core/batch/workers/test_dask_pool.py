@@ -1,7 +1,5 @@
 """A Dask cluster does all jobs, whatever becomes of its workers, and leaves what others would."""
 
-from __future__ import annotations
-
 import os
 from types import SimpleNamespace
 from typing import Any

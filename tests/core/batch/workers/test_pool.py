@@ -104,12 +104,8 @@ def test_nothing_new_is_begun_when_stopped(tmp_path):
 
 def test_what_processes_have_read_ahead_is_let_go_when_stopped(tmp_path):
     """Of the jobs that a process has, it ends the one that it is at when it is told."""
-    results = results_of(
-        chunks_of(tmp_path, *"abcdef"),
-        processes=1,
-        stopped=lambda done: len(done) >= 1,
-        serve=fake_worker.serve_slowly,
-    )
+    how = {"processes": 1, "stopped": lambda done: len(done) >= 1}
+    results = results_of(chunks_of(tmp_path, *"abcdef"), serve=fake_worker.serve_slowly, **how)
     assert list(results) in ([0], [0, 1])
 
 

@@ -4,12 +4,12 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from image_files import box, multi_part, random_planes, save, write_window
+from elements import write
+from image_files import box, multi_part, random_planes, save
 from refusals import refuses
 
 from defocus_core import UsageProblem, read_color, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
-from defocus_core.io.exr.writing import write_exr
 
 INF = np.float32(np.inf)
 
@@ -20,8 +20,7 @@ def plane(seed=0, shape=(5, 6)):
 
 def exr(path, *names):
     """An EXR file whose every channel differs."""
-    write_exr(path, {name: plane(seed) for seed, name in enumerate(names)}, {})
-    return path
+    return write(path, {name: plane(seed) for seed, name in enumerate(names)})
 
 
 OTHERS = "R G B N.X N.Y N.Z P.X P.Y P.Z"
@@ -97,7 +96,7 @@ def test_all_parts_are_searched(tmp_path):
 
 def test_sky_and_holes(tmp_path):
     values = np.array([[np.inf, 1e10, 9.9e9, 65504, np.nan, 0, -1, -np.inf, 2]], np.float32)
-    write_exr(tmp_path / "a.exr", {"Z": values}, {})
+    write(tmp_path / "a.exr", {"Z": values})
     read = read_depth(tmp_path / "a.exr")
     assert np.isposinf(read.metres[0]).tolist() == [True, True] + [False] * 7
     assert read.invalid[0].tolist() == [False] * 4 + [True] * 4 + [False]
@@ -107,7 +106,7 @@ def test_sky_and_holes(tmp_path):
 
 
 def test_the_largest_half_is_sky_in_half_channels_only(tmp_path):
-    write_exr(tmp_path / "a.exr", {"Z": np.array([[65504, 65472, np.inf]], np.float16)}, {})
+    write(tmp_path / "a.exr", {"Z": np.array([[65504, 65472, np.inf]], np.float16)})
     read = read_depth(tmp_path / "a.exr")
     assert read.metres.tolist() == [[INF, 65472, INF]]
     assert read.note == "EXR half channel Z, metres, 65504 taken as sky"
@@ -122,11 +121,13 @@ def test_the_largest_half_is_sky_in_half_channels_only(tmp_path):
 
 
 def test_depth_must_cover_the_picture(tmp_path):
-    write_window(tmp_path / "a.exr", {"Z": plane(0, (3, 4))}, box(1, 1, 4, 3), box(0, 0, 5, 5))
+    windows = {"dataWindow": box(1, 1, 4, 3), "displayWindow": box(0, 0, 5, 5)}
+    write(tmp_path / "a.exr", {"Z": plane(0, (3, 4))}, **windows)
     with refuses("invalid-depth", "in 24 pixels", "4x3 at 1,1"):
         read_depth(tmp_path / "a.exr", invalid="error")
     overscan = plane(0, (8, 9))
-    write_window(tmp_path / "b.exr", {"Z": overscan}, box(-1, -2, 7, 5), box(0, 0, 5, 3))
+    windows = {"dataWindow": box(-1, -2, 7, 5), "displayWindow": box(0, 0, 5, 3)}
+    write(tmp_path / "b.exr", {"Z": overscan}, **windows)
     np.testing.assert_array_equal(read_depth(tmp_path / "b.exr").metres, overscan[2:6, 1:7])
 
 
@@ -185,7 +186,7 @@ def test_a_bad_file_is_refused(tmp_path, name, content, code, fact):
 
 def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path):
     path = tmp_path / "a.exr"
-    write_exr(path, {"Z": np.array([[0, 1000, 70_000]], np.uint32)}, {})
+    write(path, {"Z": np.array([[0, 1000, 70_000]], np.uint32)})
     with refuses("unknown-unit", "‹depth-unit› mm", path=path):
         read_depth(path)
     read = read_depth(path, unit="mm")

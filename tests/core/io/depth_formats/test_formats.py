@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pytest
 from command_line import write_exr
 from depth_files import colmap, dpt, gdepth, npy, pfm, png
 from depth_reading import decoded
+from elements import write
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 from refusals import refuses
 
@@ -218,11 +218,8 @@ def _cityscapes(folder):
 
 
 def _alicevision(folder):
-    path = folder / "a.exr"
-    attributes = {"AliceVision:iCamArr": np.eye(3)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     z = marked(radial(4.0), hole=-1).astype("f4")
-    OpenEXR.File({**header, **attributes}, {"Z": np.ascontiguousarray(z)}).write(str(path))
+    path = write(folder / "a.exr", {"Z": z}, **{"AliceVision:iCamArr": np.eye(3)})
     return Example(path, metres(hole=True), {"focal_px": 4.0})
 
 
@@ -231,10 +228,8 @@ def _unreal(folder):
     depth = {f"FinalImageMovieRenderQueue_WorldDepth.{c}": numbers for c in "RGB"}
     depth["FinalImageMovieRenderQueue_WorldDepth.A"] = numbers * 0 + 1
     color = {"R": DEPTH, "G": DEPTH * 2, "B": DEPTH, "A": DEPTH * 0 + 1}
-    path = folder / "a.exr"
     planes = {name: np.float32(values) for name, values in (depth | color).items()}
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
-    return Example(path, metres(sky=True))
+    return Example(write(folder / "a.exr", planes), metres(sky=True))
 
 
 EXAMPLES: dict[str, Callable[[Path], Example]] = {

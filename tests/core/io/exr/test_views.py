@@ -3,6 +3,7 @@
 import numpy as np
 import OpenEXR
 import pytest
+from elements import write
 from image_files import SCANLINE, random_planes
 from refusals import refuses
 
@@ -15,16 +16,7 @@ ONE_PART = (
     *("R", "G", "B", "A", "Z", "left.R", "left.G", "left.B", "left.A", "left.Z"),
     *("forward.left.u", "forward.right.u", "disparityL.x"),
 )
-
-
-def planes_of(*names):
-    """A plane for each name, of one number that is its place among the names."""
-    return {name: np.full((4, 6), index, np.float16) for index, name in enumerate(names)}
-
-
-def one_part(path, *names, **attributes):
-    OpenEXR.File({**SCANLINE, **attributes}, planes_of(*names)).write(str(path))
-    return path
+TWO_VIEWS = {name: np.full((4, 6), index, np.float16) for index, name in enumerate(ONE_PART)}
 
 
 def several_parts(path, parts):
@@ -43,7 +35,7 @@ def plain_names(path, view):
 
 
 def test_views_of_one_part_are_in_the_names_of_its_channels(tmp_path):
-    path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
+    path = write(tmp_path / "a.exr", TWO_VIEWS, multiView=["right", "left"])
     assert views_of(read_headers(path)) == ("right", "left")
     of_no_view = {"disparityL.x": "disparityL.x"}
     left = {name: f"left.{name}" for name in "RGBAZ"} | {"forward.u": "forward.left.u"}
@@ -78,7 +70,7 @@ def test_without_a_name_the_default_view_is_taken_and_said_to_be(tmp_path):
 
 @pytest.mark.parametrize("damage", [b"\xff\xff\xff\x7f", b"\xfe\xff\xff\xff"])
 def test_a_damaged_list_of_views_is_an_error(damage, tmp_path):
-    path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
+    path = write(tmp_path / "a.exr", TWO_VIEWS, multiView=["right", "left"])
     data = path.read_bytes()
     path.write_bytes(data.replace(b"\x05\0\0\0right", damage + b"right"))
     with refuses("damaged", path=path):

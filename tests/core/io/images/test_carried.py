@@ -5,8 +5,19 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-from command_line import HEIGHT, WIDTH, header, ramp, read_exr, refused_input, render, run
-from image_files import SCANLINE, box, write_window
+from command_line import (
+    HEIGHT,
+    WIDTH,
+    header,
+    photograph,
+    ramp,
+    read_exr,
+    refused_input,
+    render,
+    run,
+)
+from elements import write
+from image_files import SCANLINE, box
 
 from defocus_core.io.exr.header import Raw, read_headers
 
@@ -22,8 +33,8 @@ def planes(names, height, width):
 
 def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_back(tmp_path, out):
     whole = planes("RGB", HEIGHT + 7, WIDTH + 5) | {"Z": np.full((HEIGHT + 7, WIDTH + 5), 2.0, "f")}
-    path = tmp_path / "a.exr"
-    write_window(path, dict(whole), box(X - 2, Y - 3, X + WIDTH + 2, Y + HEIGHT + 3), box(*DISPLAY))
+    data = box(X - 2, Y - 3, X + WIDTH + 2, Y + HEIGHT + 3)
+    path = write(tmp_path / "a.exr", whole, dataWindow=data, displayWindow=box(*DISPLAY))
     ran = render(path, "-o", out, "-v", "--exr-type", "float", "--outputs", "render,coc")
     note = "overscan 2 px left, 3 top, 3 right, 4 bottom"
     assert ran.err.count(note) == 2, "of colour and depth"
@@ -47,8 +58,7 @@ def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(tmp_path, depth, 
     ]
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
     left_out = "part samples, which is deep, left out"
-    ran = render(tmp_path / "a.exr", depth, "-o", out, "--outputs", "render,left")
-    assert ran.code == 0, ran.err
+    ran = photograph(tmp_path / "a.exr", depth, "-o", out, "--outputs", "render,left")
     assert ran.err.count(f"a: warning: {left_out}\n") == 1
     for more in (("--format", "png"), ("--outputs", "coc")):
         args = (tmp_path / "a.exr", depth, "-o", out / more[1], *more)
@@ -64,13 +74,11 @@ def test_attributes_of_any_type_and_text_come_back_as_they_were(tmp_path, depth,
         "owner": "J?rgen",
         "files": ["a", "J?rgen" * 40],
     }
-    path = tmp_path / "a.exr"
-    OpenEXR.File({**SCANLINE, **said}, planes("RGB", HEIGHT, WIDTH)).write(str(path))
+    path = write(tmp_path / "a.exr", planes("RGB", HEIGHT, WIDTH), **said)
     path.write_bytes(path.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
     (given,) = read_headers(path)
     assert given.attributes["owner"] == Raw("string", b"J\xfcrgen")
-    ran = render(path, depth, "-o", out)
-    assert ran.code == 0, ran.err
+    photograph(path, depth, "-o", out)
     (told,) = read_headers(out / "render" / "a.exr")
     assert {name: told.attributes[name] for name in said} == {
         name: given.attributes[name] for name in said
@@ -79,9 +87,8 @@ def test_attributes_of_any_type_and_text_come_back_as_they_were(tmp_path, depth,
 
 
 def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(tmp_path, depth, out):
-    path = tmp_path / "a.exr"
-    attributes = {**SCANLINE, "preview": OpenEXR.PreviewImage(2, 1)}
-    OpenEXR.File(attributes, planes("RGB", HEIGHT, WIDTH)).write(str(path))
+    thumbnail = OpenEXR.PreviewImage(2, 1)
+    path = write(tmp_path / "a.exr", planes("RGB", HEIGHT, WIDTH), preview=thumbnail)
     ran = render(path, depth, "-o", out, "-v")
     assert "its thumbnail, which is sharp, left out" in ran.err
     assert "preview" not in header(out / "render" / "a.exr")
@@ -89,8 +96,7 @@ def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(tmp_path, dep
 
 def test_a_name_that_is_not_utf_8_is_not_called_damage(tmp_path, depth, out):
     for name in ("mask", "about"):
-        path = tmp_path / f"{name}.exr"
         channels = planes("RGB", HEIGHT, WIDTH) | {"mask": ramp()}
-        OpenEXR.File({**SCANLINE, "about": 1.0}, channels).write(str(path))
+        path = write(tmp_path / f"{name}.exr", channels, about=1.0)
         path.write_bytes(path.read_bytes().replace(name.encode(), b"\xff" * len(name)))
         refused_input(render(path, depth, "-o", out), path, "not-utf-8")

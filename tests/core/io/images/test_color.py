@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from elements import write
 from image_files import from_srgb, multi_part, png_chunk, random_planes, raw_png, save, write_deep
 from refusals import refuses
 
 from defocus_core import read_color
-from defocus_core.io.exr.header import Raw
-from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import BRIGHTEST, Color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.renderer.engine import scene
@@ -29,6 +28,7 @@ def gamma_png(path, samples, gamma):
     return raw_png(path, samples, declared)
 
 
+DEEP, HALF = integers(16, 3), np.full((*SHAPE, 4), 128, np.uint8)
 LINEAR = np.random.default_rng(4).random((*SHAPE, 3), np.float32) * 50
 
 
@@ -57,27 +57,18 @@ def test_integers_are_srgb_and_alpha_is_multiplied_in_linear_light(
 @pytest.mark.parametrize(
     ("write", "light", "note"),
     [
-        (lambda f: gamma_png(f / "a.png", integers(16, 3), 1.0), 1.0, "16-bit, taken as linear"),
-        (
-            lambda f: gamma_png(f / "a.png", integers(16, 3), 1.8),
-            1.8,
-            "16-bit, taken as the power 1.8",
-        ),
+        (lambda f: gamma_png(f / "a.png", DEEP, 1.0), 1.0, "16-bit, taken as linear"),
+        (lambda f: gamma_png(f / "a.png", DEEP, 1.8), 1.8, "16-bit, taken as the power 1.8"),
         (lambda f: save(f / "a.tif", LINEAR), LINEAR, "float, taken as linear"),
         (lambda f: save(f / "a.hdr", LINEAR), LINEAR, "float, taken as linear"),
-        (
-            lambda f: save(
-                f / "a.tif", np.full((*SHAPE, 4), 128, np.uint8), oiio__UnassociatedAlpha=0
-            ),
-            np.full((*SHAPE, 4), 128 / 255),  # white, half covering
-            "",
-        ),
+        # white, half covering
+        (lambda f: save(f / "a.tif", HALF, oiio__UnassociatedAlpha=0), HALF / 255, ""),
     ],
 )
 def test_other_curves_are_those_that_the_file_says(write, light, note, tmp_path):
     path = write(tmp_path)
     if isinstance(light, float):
-        light = (integers(16, 3) / 65535) ** light
+        light = (DEEP / 65535) ** light
     color = read_color(path)
     rgbe_step = 64 / 256 if path.suffix == ".hdr" else 0
     np.testing.assert_allclose(color.pixels, light, rtol=1e-4, atol=rgbe_step)
@@ -112,11 +103,11 @@ def test_exr_colour_is_taken_as_it_is(tmp_path):
     planes = random_planes("RGBA")
     ids = np.arange(24 * 32, dtype=np.uint32).reshape(24, 32)
     path = tmp_path / "a.exr"
-    write_exr(path, {**planes, "Z": planes["R"], "id": ids}, {"owner": "someone"})
+    write(path, {**planes, "Z": planes["R"], "id": ids}, owner="someone")
     color = read_color(path)
     np.testing.assert_array_equal(color.pixels, np.stack([planes[c] for c in "RGBA"], axis=2))
     assert color.channels == ("R", "G", "B", "A")
-    assert color.attributes["owner"] == Raw("string", b"someone")
+    assert color.attributes["owner"].value == b"someone"
     assert set(color.extras) == {"Z", "id"}
     np.testing.assert_array_equal(color.extras["id"], ids)
     assert color.extras["Z"].dtype == np.float16
@@ -127,8 +118,7 @@ def layered(path, *layers):
     for seed, layer in enumerate(layers):
         dot = f"{layer}." if layer else ""
         planes |= {f"{dot}{n}": p for n, p in random_planes("RGB", seed=seed).items()}
-    write_exr(path, planes, {})
-    return path
+    return write(path, planes)
 
 
 def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path):

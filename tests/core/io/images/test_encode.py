@@ -7,7 +7,7 @@ import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import succeed, write_exr
 from elements import write
-from image_files import box
+from image_files import box, from_srgb
 from refusals import files_end_at, refuses
 
 from defocus_core import read_color
@@ -173,9 +173,7 @@ def test_a_file_that_cannot_grow_leaves_the_old_one_and_nothing_else(tmp_path, s
 def test_a_slope_of_8_bits_has_no_bands_and_what_is_not_smooth_keeps_its_bytes(name, tmp_path):
     """Each square of 16 px has the mean of the slope, which is 3 levels over all of it."""
     levels = np.linspace(100.2, 103.4, 256, dtype=np.float32) + np.zeros((64, 1), np.float32)
-    level = levels.astype(np.float64) / 255
-    light = np.where(level > 0.04045, ((level + 0.055) / 1.055) ** 2.4, level / 12.92)
-    pixels = light.astype(np.float32)[..., None].repeat(3, 2)
+    pixels = from_srgb(levels.astype(np.float64) / 255).astype(np.float32)[..., None].repeat(3, 2)
     smooth = np.arange(64)[:, None] < 48 + np.zeros((1, 256))
 
     def written(**told):
@@ -190,9 +188,7 @@ def test_a_slope_of_8_bits_has_no_bands_and_what_is_not_smooth_keeps_its_bytes(n
         assert np.abs(means).max() < 0.1
         assert np.array_equal(seen[48:], plain[48:])
         assert np.array_equal(written(bits=16), written(bits=16, smooth=smooth))
-    whole = np.rint(levels) / 255
-    light = np.where(whole > 0.04045, ((whole + 0.055) / 1.055) ** 2.4, whole / 12.92)
-    pixels = light.astype(np.float32)[..., None].repeat(3, 2)
+    pixels = from_srgb(np.rint(levels) / 255).astype(np.float32)[..., None].repeat(3, 2)
     assert np.array_equal(written(), written(smooth=np.ones_like(smooth))), "levels stay"
 
 

@@ -1,14 +1,13 @@
 """Colours of other primaries: kept by EXR, and made sRGB's for files that are sRGB."""
 
 import struct
-from typing import Any
 
 import numpy as np
-import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import refused, render, run
-from image_files import SCANLINE, save
+from command_line import depth_exr, refused, render, run
+from elements import write
+from image_files import save
 
 from defocus_core import InputError, read_color, write_image
 from defocus_core.io.exr.header import read_headers
@@ -76,19 +75,15 @@ def parametric(kind, *numbers):
 
 
 def exr(path, rgb, **attributes):
-    planes = {c: np.ascontiguousarray(rgb[..., i]) for i, c in enumerate("RGB")}
-    OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(path))
-    return path
+    return write(path, dict(zip("RGB", np.moveaxis(rgb, 2, 0), strict=True)), **attributes)
 
 
 def depth(folder):
-    OpenEXR.File({**SCANLINE}, {"Z": np.full((24, 32), 3, np.float32)}).write(str(folder / "z.exr"))
-    return folder / "z.exr"
+    return depth_exr(folder / "z.exr", np.full((24, 32), 3, np.float32))
 
 
 def png16(path):
-    pixels: Any = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
-    return pixels
+    return oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
 
 
 def test_ap0_to_rec_709_has_the_published_numbers():
@@ -138,12 +133,7 @@ def test_a_profile_is_decoded(tmp_path, suffix, chad):
 
 
 def table(light):
-    return (
-        b"curv"
-        + bytes(4)
-        + struct.pack(">I", 1024)
-        + np.rint(light * 65535).astype(">u2").tobytes()
-    )
+    return b"curv" + struct.pack(">4xI", 1024) + np.rint(light * 65535).astype(">u2").tobytes()
 
 
 X = np.linspace(0, 1, 1024)

@@ -26,11 +26,8 @@ def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path, field):
     touch(tmp_path, "shot.0998.exr", "shot.1001.exr", "shot.10000.exr", "shot.12.exr")
     touch(tmp_path, "shot.0998.png", "other.1001.exr", "shot.1001.exr.tmp")
     files = frames_of(tmp_path / f"shot.{field}.exr")
-    assert {number: path.name for number, path in files.items()} == {
-        998: "shot.0998.exr",
-        1001: "shot.1001.exr",
-        10000: "shot.10000.exr",
-    }
+    wanted = {number: f"shot.{number:04}.exr" for number in (998, 1001, 10000)}
+    assert {number: path.name for number, path in files.items()} == wanted
 
 
 def test_negative_frames_are_not_left_out(tmp_path):

@@ -2,17 +2,15 @@ import math
 import struct
 
 import numpy as np
-import OpenEXR
 import pytest
-from image_files import SCANLINE, box, save
+from elements import write
+from image_files import box, save
 
 from defocus_core.io.shots.lens_metadata import lens_of
 
 
 def exr(path, **attributes):
-    planes = {name: np.ones((2, 3), np.float16) for name in "RGB"}
-    OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(path))
-    return path
+    return write(path, dict.fromkeys("RGB", np.ones((2, 3), np.float16)), **attributes)
 
 
 def texts(path, metres=1.0):
@@ -21,14 +19,9 @@ def texts(path, metres=1.0):
 
 def test_the_standard_attributes_of_openexr(tmp_path):
     attributes = {"focus": 2.5, "aperture": 2.0, "tStop": 2.2, "nominalFocalLength": 50.0}
-    file = exr(
-        tmp_path / "a.exr",
-        **attributes,
-        effectiveFocalLength=51.0,
-        pinholeFocalLength=52.0,
-        sensorPhotositePitch=8.0,
-        sensorAcquisitionRectangle=box(10, 0, 3009, 1999),
-    )
+    attributes |= {"effectiveFocalLength": 51.0, "pinholeFocalLength": 52.0}
+    sensor = {"sensorPhotositePitch": 8.0, "sensorAcquisitionRectangle": box(10, 0, 3009, 1999)}
+    file = exr(tmp_path / "a.exr", **attributes, **sensor)
     assert texts(file) == {
         "focal-length": ("52mm", "pinholeFocalLength"),
         "fnumber": ("2", "aperture"),
@@ -65,16 +58,9 @@ def test_numbers_that_are_texts_are_read_and_other_texts_are_not(tmp_path):
     ("distance", "focus"), [(3.5, "3.5m"), (float(0xFFFFFFFF), "inf"), (0.0, None)]
 )
 def test_a_photograph_has_exif(tmp_path, distance, focus):
-    pixels = np.full((8, 12, 3), 128, np.uint8)
-    file = save(
-        tmp_path / "a.jpg",
-        pixels,
-        Exif__FocalLength=26.0,
-        Exif__FNumber=1.8,
-        FNumber=1.8,
-        Exif__FocalLengthIn35mmFilm=52,
-        Exif__SubjectDistance=distance,
-    )
+    exif = {"Exif__FocalLength": 26.0, "Exif__FNumber": 1.8, "FNumber": 1.8}
+    exif |= {"Exif__FocalLengthIn35mmFilm": 52, "Exif__SubjectDistance": distance}
+    file = save(tmp_path / "a.jpg", np.full((8, 12, 3), 128, np.uint8), **exif)
     taken = {name: text for name, (text, _) in texts(file).items()}
     assert taken.pop("focus", None) == focus
     assert taken == {"focal-length": "26mm", "fnumber": "1.8", "sensor-width": "18mm"}

@@ -23,11 +23,6 @@ def surfaces(background):
     return r
 
 
-def lights(radii, *, at):
-    light = torch.tensor([[3.0, 1e6, -0.1]], dtype=radii.dtype)
-    return Highlights(torch.tensor(at), light * torch.arange(1, len(at) + 1)[:, None], radii)
-
-
 def drawn(some, signed_radius, aperture, parts, box=WHOLE):
     return draw(some, [before(signed_radius)], RADII, aperture, parts, box)
 

@@ -28,3 +28,14 @@ def test_a_frame_smaller_than_a_disc_is_trusted_for_its_share(size, quality):
     torch.testing.assert_close(
         trust, torch.full((1, *size), area / (math.pi * r * r)), rtol=0.1, atol=1e-2
     )
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_a_border_is_trusted_for_the_part_of_the_disc_within(quality):
+    def trust(size, r):
+        return render(torch.ones(3, *size), torch.full(size, r), quality=quality).trust[0]
+
+    x = (torch.arange(8) + 0.5) / 8  # from the border, in radii
+    share = 1 - (x.acos() - x * (1 - x * x).sqrt()) / math.pi
+    torch.testing.assert_close(trust((40, 60), 8.0)[20, :8], share, rtol=0, atol=0.01)
+    assert torch.equal(trust((2, 2), 1e3), torch.full((2, 2), 0.01))

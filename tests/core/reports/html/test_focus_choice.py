@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Page, chromium
-from command_line import color_exr, depth_exr, refused, run, texture
+from command_line import color_exr, depth_exr, refused, run, succeed, texture
 from depth_files import png
 from image_files import save, to_srgb
 
@@ -38,8 +38,7 @@ def folder(tmp_path_factory):
     color_exr(root / "rgb.exr", color)
     depth_exr(root / "z.exr", (100 / numbers()).astype(np.float32))
     with chdir(root):
-        ran = run("choose", "a b.png", "z.png", "-o", "photo.html", "--blur", "4px", "-q")
-        assert ran.code == 0, ran.err
+        succeed("choose", "a b.png", "z.png", "-o", "photo.html", "--blur", "4px", "-q")
         lens = ("--lens", "@portrait-85", "--focus", "0.5m")
         assert run("choose", "rgb.exr", "z.exr", "-o", "exr.html", *lens).code == 0
     return root
@@ -78,8 +77,7 @@ class Choice(Page):
 def rendered(words, folder):
     """What the command of a page renders, in sRGB."""
     with chdir(folder):
-        ran = run(*words[1:], "--overwrite")
-        assert ran.code == 0, ran.err
+        succeed(*words[1:], "--overwrite")
         pixels = read_color(Path(words[words.index("-o") + 1])).pixels
     return to_srgb(np.clip(pixels, 0, 1))
 
@@ -114,8 +112,7 @@ def test_its_first_picture_is_that_of_render_and_either_end_may_be_near(tmp_path
     png(tmp_path / "z.png", np.where(across > 70, 30, person - 60 * (down < 12)), np.uint8)
     with chdir(tmp_path):
         line = run("render", "a.png", "z.png", "-o", "out.png").err
-        ran = run("choose", "a.png", "z.png", "-o", "page.html")
-        assert ran.code == 0, ran.err
+        succeed("choose", "a.png", "z.png", "-o", "page.html")
     opened = Choice(browser, tmp_path / "page.html")
     opened.settle()
     first = opened.command
@@ -177,15 +174,11 @@ def test_focuses_are_numbers_of_the_file_on_surfaces_up_to_four_times_the_blur(t
     soft = np.round(23 + 177 * np.clip((x - 70) / 20, 0, 1)) + np.zeros((120, 1))
     files = [save(tmp_path / "a.png", seeds.integers(0, 255, (120, 160, 3)).astype(np.uint8))]
     files.append(png(tmp_path / "z.png", soft, np.uint8))
-    ran = run("choose", *files, "-o", tmp_path / "page.html", "--blur", "2.5%")
-    assert ran.code == 0, ran.err
+    succeed("choose", *files, "-o", tmp_path / "page.html", "--blur", "2.5%")
     text = (tmp_path / "page.html").read_text()
     data = json.loads(re.search(r'id="data"[^>]*>(.*?)</script>', text, re.S)[1])
-    assert [each["words"] for each in data["strengths"]][::2] == [
-        "blur 1px",
-        "blur 4px",
-        "blur 16px",
-    ]
+    words = [each["words"] for each in data["strengths"]]
+    assert words[::2] == ["blur 1px", "blur 4px", "blur 16px"]
     assert {each["value"] for each in data["focuses"]} <= {23, 24, 25, 26, 197, 198, 199, 200}
     low, high = data["items"][0]["layers"][1]["values"]["ends"]
     assert (low, high - low) == (23, 65535), "a step of the map is one of the file"
