@@ -120,37 +120,23 @@ def _pixels(
     """The pixels to compare, and the column and row of the first one in the picture."""
     size = (a.height, a.width)
     cut = (slice(None), slice(None)) if settings.region is None else settings.region.cut(size)
-    pixels = Pixels(
-        names=tuple(names),
-        a=tuple(a.planes[name][cut] for name in names),
-        b=tuple(b.planes[name][cut] for name in names),
-        gamma=a.gamma,
-    )
-    selected = _selected(size, settings)
-    selected = None if selected is None else selected[cut]
-    if settings.tolerate_edges:
-        strict = ~anti_aliased(pixels.a, pixels.b)
-        selected = strict if selected is None else strict & selected
-    if selected is not None and not selected.any():
-        chosen = settings.mask or settings.ignore_mask
-        of = "picture" if settings.region is None else f"region {settings.region}"
-        problem = f"leaves no pixel of the {of} to compare"
-        remedy = "give masks and regions that leave some"
-        raise InputError("empty", problem, remedy, path=chosen or a.path)
-    pixels = replace(pixels, selected=selected)
-    return pixels, (cut[1].start or 0, cut[0].start or 0)
-
-
-def _selected(size: tuple[int, int], settings: CompareSettings) -> Any:
-    """The pixels [H, W] selected by masks and regions; None for all."""
-    if settings.mask is None and settings.ignore_mask is None and not settings.ignore_region:
-        return None
     selected = np.ones(size, bool) if settings.mask is None else read_mask(settings.mask, size)
     for region in settings.ignore_region:
         selected[region.cut(size, "ignore_region")] = False
     if settings.ignore_mask is not None:
         selected &= ~read_mask(settings.ignore_mask, size, empty=True)
-    return selected
+    old, new = (tuple(side.planes[name][cut] for name in names) for side in (a, b))
+    selected = selected[cut]
+    if settings.tolerate_edges:
+        selected = selected & ~anti_aliased(old, new)
+    if not selected.any():
+        chosen = settings.mask or settings.ignore_mask
+        of = "picture" if settings.region is None else f"region {settings.region}"
+        problem = f"leaves no pixel of the {of} to compare"
+        remedy = "give masks and regions that leave some"
+        raise InputError("empty", problem, remedy, path=chosen or a.path)
+    pixels = Pixels(tuple(names), old, new, a.gamma, None if selected.all() else selected)
+    return pixels, (cut[1].start or 0, cut[0].start or 0)
 
 
 def _judged(
@@ -168,7 +154,8 @@ def _judged(
     `corner`: column and row of the first compared pixel in the picture. `strict`: whether B is
     different whatever the rules say.
     """
-    nonfinite, differing = count_nonfinite(pixels, corner), pixels.differ
+    nonfinite = count_nonfinite(pixels, corner)
+    differing = any(pixels.differences.largest.values())
     metrics: Mapping[str, float] = equal_metrics(pixels)
     if differing:
         metrics = measure(pixels, over=rules.over, asked=rules.asked or None)

@@ -145,11 +145,6 @@ class Pixels:
         return self.differences.greatest
 
     @property
-    def differ(self) -> bool:
-        """Whether a value differs."""
-        return any(self.differences.largest.values())
-
-    @property
     def color(self) -> tuple[tuple[str, ...], ...]:
         """The channels of each colour layer."""
         return () if is_map(self.names) else tuple(color_layers(self.names))

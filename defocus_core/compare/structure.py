@@ -47,7 +47,11 @@ def compare_structure(
     lone = _depths_of_samples(a, b)
     findings = [*_of_channels(a, b, resized, lone)]
     others = [name for name in both if name not in (*resized, *common)]  # like those of a thumbnail
-    apart = [name for name in others if not _equal(a.planes[name], b.planes[name])]
+    apart = [
+        name
+        for name in others
+        if not np.array_equal(a.planes[name], b.planes[name], equal_nan=True)
+    ]
     ignored = settings.ignore_metadata
     metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
     samples = [*_compare_samples(a, b)]
@@ -59,10 +63,6 @@ def compare_structure(
     notes = (*told, *_notes_of(a, b, lone))
     record = replace(record, findings=tuple(findings), notes=notes, metadata=tuple(metadata))
     return record, common, strict
-
-
-def _equal(a: Any, b: Any) -> bool:
-    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))
 
 
 def _of_channels(

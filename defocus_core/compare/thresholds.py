@@ -41,10 +41,9 @@ class Rule:
         """Whether a picture is bad by its metrics and findings; None if it has no such metric."""
         if self.found:
             return any(self.found == "*" or f"{n} ".startswith(f"{self.found} ") for n in findings)
-        return self.meets(metrics[self.metric]) if self.metric in metrics else None
-
-    def meets(self, value: float) -> bool:
-        """Whether a value is bad; NaN is."""
+        if self.metric not in metrics:
+            return None
+        value = metrics[self.metric]
         if math.isnan(value):
             return True
         if value == self.bound:

@@ -211,11 +211,6 @@ def _colmap(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     yield from _mapped(_rows(path, header.end(), width, height))
 
 
-def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
-    """Refuse an array whose header claims more than its file could hold."""
-    check_size(path, shape[-1], math.prod(shape[:-1]), itemsize)
-
-
 def _npy_header(stored: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and type of an NPY file; the shape is () if it holds no numbers."""
     file = BytesIO(stored.read(_LONGEST_HEADER))  # a file may claim a header of any length
@@ -228,7 +223,7 @@ def _npy(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     with path.open("rb") as file:
         shape, dtype = _npy_header(file)
     if len(shape) > 1:
-        checked(path, shape, dtype.itemsize)
+        check_size(path, shape[-1], math.prod(shape[:-1]), dtype.itemsize)
         yield from _mapped(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
@@ -244,7 +239,7 @@ def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
 def _npz_array(
     path: Path, member: str, shape: tuple[int, ...], dtype: np.dtype[Any], index: int | None
 ) -> NDArray[Any]:
-    checked(path, shape, dtype.itemsize)
+    check_size(path, shape[-1], math.prod(shape[:-1]), dtype.itemsize)
     with decoding(path), zipfile.ZipFile(path) as archive, archive.open(member) as file:
         values: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
     return values if index is None else values[index]
@@ -267,7 +262,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
                 problem = f"has numbers of {name} that were never written"
                 raise InputError("damaged", problem, AGAIN, path=path)
             shape = dataset.shape if index is None else dataset.shape[1:]
-            checked(path, shape, dataset.dtype.itemsize)
+            check_size(path, shape[-1], math.prod(shape[:-1]), dataset.dtype.itemsize)
             values: NDArray[Any] = dataset[()] if index is None else dataset[index]
             return values
 

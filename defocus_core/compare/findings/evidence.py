@@ -148,10 +148,8 @@ class Evidence:
 
     def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Stored values from values on the scale of `scaled`; its inverse."""
-        return self.unscaled_light(values) if self.is_linear else values
-
-    def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Linear light from values on the scale of `scaled`; the inverse of `scaled_light`."""
+        if not self.is_linear:
+            return values
         if not self.pixels.color:
             return np.asarray(np.sinh(values))
         size = np.abs(values)

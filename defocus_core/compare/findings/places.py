@@ -62,7 +62,9 @@ def place_of(
         ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
     for name, how, mask in chain.from_iterable(ways):
         share, area = float(power[mask].sum()) / total, float(mask.mean())
-        tells = _relative_entropy(share, area) * (_FITTED if name == "in one region" else 1.0)
+        shares = ((share, area), (1 - share, 1 - area))
+        tells = sum(p * math.log(p / q) for p, q in shares if p > 0)
+        tells *= _FITTED if name == "in one region" else 1.0
         if share >= _MOST and 0 < area < 1 and tells >= _TELLS:
             told.append((tells, name, how, share, area, mask))
     if not told:
@@ -132,8 +134,3 @@ def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
     within = np.zeros(size, bool)
     within[top:bottom, left:right] = True
     yield "in one region", f" of {right - left}x{bottom - top} at {left},{top}", within[cut]
-
-
-def _relative_entropy(share: float, area: float) -> float:
-    ends = ((share, area), (1 - share, 1 - area))
-    return sum(p * math.log(p / q) for p, q in ends if p > 0)
