@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -17,51 +16,12 @@ from defocus_core.renderer.engine.limits import (
     RANGE,
     SQUARED,
 )
-from defocus_core.tensors.neighbourhoods import range_of, tally
+from defocus_core.tensors.neighbourhoods import range_of
 
 # At most as many discs are drawn one by one, brightest first, as have the area of _FRAMES frames;
 # but all that are _ALWAYS times as bright as ordinary pixels, as their rounding noise would be
 # seen.
 _FRAMES, _ALWAYS = 8.0, 100.0
-_BITS = 16  # first bits of a number, by which numbers are counted
-
-
-@dataclass(frozen=True)
-class Ranks:
-    """Numbers looked up by ascending rank, from 1; negative numbers count as 0.
-
-    Floating-point numbers that are not negative have the same order as their bits.
-    """
-
-    values: Tensor  # [...], at least 0
-    counts: Tensor  # [2^15] count of numbers by their first 16 bits, the sign being 0
-
-    @classmethod
-    def counted(cls, values: Tensor) -> Ranks:
-        """Ranks of values [...] of float32 or float64, counted on their device."""
-        positive = values.clamp(min=0).abs_()  # not even -0
-        bits = positive.view(torch.int64 if positive.dtype.itemsize == 8 else torch.int32)
-        first = bits.flatten() >> (positive.dtype.itemsize * 8 - _BITS)
-        return cls(positive, tally(first, 1 << (_BITS - 1)))
-
-    def bounds(self, rank: int) -> tuple[float, float]:
-        """Two numbers between which the number of the given rank lies."""
-        return self._limits(int(torch.searchsorted(self.counts.cumsum(0), rank)))
-
-    def exactly(self, rank: int) -> float:
-        """The number of the given rank."""
-        first = int(torch.searchsorted(self.counts.cumsum(0), rank))
-        low, high = self._limits(first)
-        alike = self.values[(self.values >= low) & (self.values <= high)].sort().values
-        return float(alike[rank - 1 - int(self.counts[:first].sum())])
-
-    def _limits(self, first: int) -> tuple[float, float]:
-        """The least and the greatest number whose first 16 bits are `first`."""
-        size = self.values.dtype.itemsize
-        bits = torch.tensor([first, first + 1], dtype=torch.int64 if size == 8 else torch.int32)
-        bits = (bits << (size * 8 - _BITS)) - torch.tensor([0, 1], dtype=bits.dtype)
-        low, high = bits.view(self.values.dtype).tolist()
-        return low, high
 
 
 class Survey(NamedTuple):
@@ -72,7 +32,10 @@ class Survey(NamedTuple):
     # Greatest differences of radius between neighbours in px: down, across
     steepest: tuple[float, float]
     channels: tuple[tuple[float, float], ...]  # least and greatest value of each channel
-    brightness: Ranks  # the brightness of all pixels
+    brightness: Tensor  # [H, W], at least 0
+    ordinary: int  # number of pixels that are less bright than a highlight beside the brightest
+    lit: int  # number of pixels that are not black
+    dim: int  # number of lit pixels beside which float32 is too coarse for the brightest
 
     @property
     def darkest(self) -> float:
@@ -100,17 +63,23 @@ def surveyed(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> Surve
         ranges.append(range_of(values))
         brightness = values if brightness is None else brightness.maximum(values)
     assert brightness is not None
-    ranks = Ranks.counted(brightness)
+    brightness = brightness.clamp(min=0)
+    brightest, black = brightness.amax(), brightness < torch.finfo(dtype).tiny
+    dark = [brightness < brightest / BRIGHTER, black, brightness < brightest / RANGE]
+    counts = torch.stack([mask.sum() for mask in dark])
     # one copy to the host; counts of pixels are exact in double precision
-    together = torch.cat([torch.stack(ranges).flatten().double(), ranks.counts.double()]).cpu()
-    numbers, counts = together.tensor_split([2 * len(ranges)])
-    (minimum, maximum), *others = numbers.view(-1, 2).tolist()
+    together = torch.cat([torch.stack(ranges).flatten().double(), counts.double()]).tolist()
+    *numbers, ordinary, unlit, dim = together
+    (minimum, maximum), *others = zip(numbers[::2], numbers[1::2], strict=True)
     survey = Survey(
         minimum=minimum,
         maximum=maximum,
         steepest=(max(map(abs, others[0])), max(map(abs, others[1]))),
-        channels=tuple((least, greatest) for least, greatest in others[2:]),
-        brightness=Ranks(ranks.values, counts.long()),
+        channels=tuple(others[2:]),
+        brightness=brightness,
+        ordinary=int(ordinary),
+        lit=brightness.numel() - int(unlit),
+        dim=int(dim - unlit),
     )
     _check(survey, dtype)
     return survey
@@ -145,18 +114,22 @@ def border_range(signed_radius: Tensor) -> tuple[float, float]:
 
 def highlight_limit(survey: Survey) -> float:
     """The brightness above which a pixel is a highlight."""
-    brightness, radius = survey.brightness, max(-survey.minimum, survey.maximum, 1.0)
+    pixels, radius = survey.brightness.numel(), max(-survey.minimum, survey.maximum, 1.0)
     # negative light is never a highlight, nor twice as much of it a bound
-    maximum, pixels = max(survey.brightest, 0.0), brightness.values.numel()
+    maximum = max(survey.brightest, 0.0)
     rank = max(1, int(ORDINARY * pixels))
-    if brightness.bounds(rank)[0] >= maximum / BRIGHTER:
-        return maximum
-    ordinary = brightness.exactly(rank)
-    if ordinary >= maximum / BRIGHTER:
+    if survey.ordinary < rank:
         return maximum
     drawn = max(1, int(_FRAMES * pixels / (math.pi * radius**2)))
-    beyond = brightness.bounds(max(1, pixels - drawn))[1]
+    ordinary, beyond = (_of_rank(survey, k) for k in (rank, max(1, pixels - drawn)))
+    share, power = math.frexp(beyond)  # of lights about as bright either all are drawn, or none
+    beyond = math.ldexp(math.floor(256 * share) + 1, power - 8)
     return max(BRIGHTER * ordinary, min(beyond, _ALWAYS * ordinary, maximum))
+
+
+def _of_rank(survey: Survey, rank: int) -> float:
+    """The brightness of a rank, ascending from 1."""
+    return float(survey.brightness.flatten().kthvalue(rank).values)
 
 
 def needs_double(survey: Survey, limit: float) -> bool:
@@ -166,16 +139,11 @@ def needs_double(survey: Survey, limit: float) -> bool:
     of very bright colours overflow, and squares of very dark ones underflow. Pixels brighter than
     `limit` do not count: they are highlights, which are not transformed.
     """
-    brightness, bright = survey.brightness, min(survey.brightest, limit)
+    bright = min(survey.brightest, limit)
     size = max(bright, -survey.darkest)
     if size > SQUARED or 0 < size < 1 / SQUARED:
         return True
-    black = int(brightness.counts[0])  # and denormal numbers, which are as dark
-    lit = brightness.values.numel() - black
-    if not lit:
+    if survey.dim < (survey.lit + 1) // 2:  # of the brightest, no darker than the limit
         return False
-    median = black + (lit + 1) // 2
-    low, high = brightness.bounds(median)
-    if bright <= RANGE * low or bright > RANGE * high:
-        return bright > RANGE * high
-    return bright > RANGE * brightness.exactly(median)
+    dim = (survey.brightness < bright / RANGE).sum() - (survey.brightness.numel() - survey.lit)
+    return survey.lit > 0 and int(dim) >= (survey.lit + 1) // 2
