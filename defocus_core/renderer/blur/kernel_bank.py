@@ -105,13 +105,8 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     are left out.
     """
     size = kernels.shape[-1]
-    centred, nothing = kernels, kernels.new_zeros(())
-    for dim, length in ((-1, window[1]), (-2, window[0])):
-        fitting = centred.narrow(dim, 0, min(size, length))
-        first, last = fitting.tensor_split([size // 2], dim)
-        sizes = [*centred.shape]
-        sizes[dim] = length - fitting.shape[dim]
-        centred = torch.cat([last, nothing.expand(sizes), first], dim)
+    whole = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
+    centred = whole.roll((-(size // 2), -(size // 2)), (-2, -1))
     if launches_cost(kernels.device):
         spectra: Tensor = torch.fft.rfft2(centred)
         return spectra

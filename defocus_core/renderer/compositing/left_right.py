@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.compositing.saturating_sum import EQUAL, ColorRange, clamped
+from defocus_core.renderer.compositing.saturating_sum import ColorRange, clamped
 from defocus_core.renderer.engine.limits import NEGLIGIBLE, OVERSHOOT
 from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.ties import tied, with_gradient
@@ -61,22 +61,18 @@ def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> di
 
 
 def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Scalar) -> Tensor:
-    """The pair whose mean is the centre, with the halves' ratio of light above `minimum`."""
-    if minimum:
-        centre = centre - minimum
+    """The pair whose mean is the centre, with the same ratio of light above the least light."""
+    centre = centre - minimum
     # transforms leave ±1e-8
-    left, right = ((half - minimum).clamp(min=0) for half in halves)
-    if not _is_half(fraction):
-        left, right = left * (2 * fraction), right * (2 - 2 * fraction)
+    weights = along_first([2 * fraction, 2 - 2 * fraction], halves)
+    left, right = (halves - minimum).clamp(min=0) * weights
     total = left + right
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     pair = 2 * centre * torch.stack([of_left, 1 - of_left])
     if torch.is_grad_enabled() and pair.requires_grad:  # the ratio of two roundings says nothing
         pair = torch.where(tied(total, 0.0), with_gradient(pair, centre.expand_as(pair)), pair)
-    if not _is_half(fraction):
-        pair = pair / along_first([2 * fraction, 2 - 2 * fraction], pair)
-    return pair + minimum if minimum else pair
+    return pair / weights + minimum
 
 
 def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Scalar) -> Tensor:
@@ -87,7 +83,7 @@ def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Sc
     more = OVERSHOOT * (limits.greatest - limits.least)
     more = torch.where(more < torch.inf, more, 0.0)
     least, greatest = limits.least - more, limits.greatest + more
-    ratio = 1.0 if _is_half(fraction) else (1 - fraction) / fraction
+    ratio = (1 - fraction) / fraction
     # without a greatest value the least alone bounds, also in the gradient to the ratio
     above = torch.where(greatest < torch.inf, greatest - centre, 0.0)
     darkest = torch.where(greatest < torch.inf, centre - ratio * above, least)
@@ -106,9 +102,3 @@ def _within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
     excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)
     weights = along_first([fraction, 1 - fraction], pair)
     return pair - excess + (excess * weights).flip(0) / weights
-
-
-def _is_half(fraction: Scalar) -> bool:
-    """Whether a share of the aperture is one half, up to rounding."""
-    value = torch.as_tensor(fraction, dtype=torch.float64).detach()
-    return bool(((value - 0.5).abs() <= EQUAL).all())

@@ -64,17 +64,11 @@ def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
 
 def _many_around(mask: Tensor) -> Tensor:
     """Whether a sufficient share of the square around each pixel is in a mask: [..., H, W] bool."""
-    count, area = mask.to(torch.int32), torch.ones((), device=mask.device)
-    for dim in (-2, -1):
-        n = mask.shape[dim]
-        position = torch.arange(n, device=mask.device)
-        first, end = (position - HALF_WIDTH).clamp(min=0), (position + HALF_WIDTH + 1).clamp(max=n)
-        sums = torch.nn.functional.pad(
-            count.cumsum(dim, dtype=torch.int32), (1, 0) if dim == -1 else (0, 0, 1, 0)
-        )
-        count = sums.index_select(dim, end) - sums.index_select(dim, first)
-        area = area[..., None] * (end - first)
-    return count > AREA * area
+    share, side = mask.to(torch.float32)[None], 2 * HALF_WIDTH + 1
+    for size in ((1, side), (side, 1)):
+        around = (size[0] // 2, size[1] // 2)
+        share = torch.nn.functional.avg_pool2d(share, size, 1, around, count_include_pad=False)
+    return share[0] > AREA
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:
