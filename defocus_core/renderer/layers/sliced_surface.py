@@ -23,31 +23,21 @@ from defocus_core.tensors.neighbourhoods import flat_nonzero
 from defocus_core.tensors.pyramid import Axis, averaged
 
 
-def continue_edges(values: Tensor, given: Box) -> None:
-    """Repeat the edges of the rectangle `given` in the rest of values [..., H, W], in place."""
-    for dim, side in zip((-2, -1), given.sides, strict=True):
-        length = values.shape[dim]
-        edges = ((side.first, 0, side.first), (side.end - 1, side.end, length - side.end))
-        for edge, start, count in edges:
-            if count:
-                values.narrow(dim, start, count).copy_(values.narrow(dim, edge, 1))
+def _margins(box: Box, around: Box) -> tuple[list[int], list[int]]:
+    """Px from a box to a larger one: to the left and right of it, and above and below it."""
+    down, across = (
+        [side.first - outer.first, outer.end - side.end]
+        for side, outer in zip(box.sides, around.sides, strict=True)
+    )
+    return across, down
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, ..., H, W], x and y, padded to `box`.
-
-    They are repeated along the edges of the picture, and are 0 across the edges.
-    """
-    H, W = slopes.shape[-2:]
-    given = Box(-box.top, -box.left, H, W)
-    if box == given:
-        return slopes
-    whole = slopes.new_zeros(*slopes.shape[:-2], box.height, box.width)
-    given.crop(whole).copy_(slopes)
-    rows, columns = given.sides
-    continue_edges(whole[0, ..., columns.first : columns.end], given._replace(left=0))
-    continue_edges(whole[1, ..., rows.first : rows.end, :], given._replace(top=0))
-    return whole
+    """Slopes [2, H, W] of x and y, continued along the edges of a rectangle, 0 across them."""
+    across, down = _margins(Box(0, 0, *slopes.shape[-2:]), box)
+    x = pad(pad(slopes[:1], [0, 0, *down], mode="replicate"), across)
+    y = pad(pad(slopes[1:], across, mode="replicate"), [0, 0, *down])
+    return torch.cat([x, y])
 
 
 def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list[list[int]]:
@@ -271,19 +261,11 @@ class SlicedSurface:
         return _FramedLayer(light, framed, blocks_of(inner, count, exists, sharp).cpu())
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
-        """Channels [n, ..., H, W], concatenated, with edges repeated and zeros around them."""
-        pictures, size = channels[0].shape[1:-2], self._framed_box[2:]
-        framed = channels[0].new_empty(sum(map(len, channels)), *pictures, *size)
-        own = self._own.seen_from(self._framed_box)
-        for dim, side in zip((-2, -1), own.sides, strict=True):
-            framed.narrow(dim, 0, side.first).zero_()
-            framed.narrow(dim, side.end, framed.shape[dim] - side.end).zero_()
-        given, first = self._unframed(self._given, framed), 0
-        for values in channels:
-            given[first : first + len(values)].copy_(values)
-            first += len(values)
-        continue_edges(self._unframed(self._own, framed), self._given)
-        return framed
+        """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
+        across, down = _margins(self._given, self._own)
+        whole = pad(torch.cat(channels), [*across, *down], mode="replicate")
+        across, down = _margins(self._own, self._framed_box)
+        return pad(whole, [*across, *down])
 
     def _unframed(self, box: Box, values: Tensor) -> Tensor:
         """Crop padded values [..., h, w] to a box that is relative to the first sample."""
