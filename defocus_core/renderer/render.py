@@ -129,7 +129,7 @@ def render(
     behind = _known_layers(hidden, pictures, radii)
     colors = channel_groups(color_offsets, pictures.shape[1])
     every = _settings_of_each(settings, infinity, len(pictures))
-    mattes = [None] * len(pictures) if matte is None else _mattes(matte, radii)
+    mattes = [None] * len(pictures) if matte is None else _mattes(matte, pictures)
     views = [
         _rendered(Surface(one, radius, matte), known, own, colors, progress)
         for one, radius, known, matte, own in zip(
@@ -249,17 +249,13 @@ def _settings_of_each(
     return [replace(settings, infinity=radius) for radius in radii]
 
 
-def _mattes(matte: Tensor, radii: Tensor) -> Tensor:
-    """The coverages of subjects as [B, H, W], checked."""
-    matte = numbers("matte", matte, torch.float32, radii.device, "in [0, 1]")
-    shapes = {(len(radii), 1, *radii.shape[1:]), tuple(radii.shape)}
-    shapes |= {tuple(radii.shape[1:])} if len(radii) == 1 else set()
-    if tuple(matte.shape) not in shapes or not bool(((matte >= 0) & (matte <= 1)).all()):
-        raise ValueError(
-            f"matte must be in [0, 1] and shaped as the radii {tuple(radii.shape)}, got "
-            f"{tuple(matte.shape)}; resample it, and clamp it"
-        )
-    return matte.to(radii.device).reshape(radii.shape)
+def _mattes(matte: Tensor, pictures: Tensor) -> Tensor:
+    """[B, H, W] coverages of subjects."""
+    matte = numbers("matte", matte, torch.float32, pictures.device, "in [0, 1]")
+    matte = maps_of("matte", matte, pictures).to(pictures.device)
+    if not bool(((matte >= 0) & (matte <= 1)).all()):
+        raise ValueError("matte must be in [0, 1], got other numbers; clamp it")
+    return matte
 
 
 def _known_layers(

@@ -82,16 +82,6 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     return values
 
 
-def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """For each coarse pixel [..., h, w] of half resolution, the sum of its pixels [..., H, W].
-
-    `odd`: whether the height and the width of the frame are odd.
-    """
-    for dim in (-2, -1):  # rows first, which are contiguous
-        values = _halved(values, dim, odd[dim])
-    return values
-
-
 def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
     """The sum of the pixels in each coarse pixel along axis `dim`, which is -2 or -1."""
     even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
@@ -124,91 +114,54 @@ def averaged(
     return values * 0.25**level, (middles[0], middles[1])
 
 
-class AxisWeights(NamedTuple):
-    """For each of P pixels along an axis, T coarse pixels and their weights in the pixel."""
+def upsampled(
+    coarse: Tensor,  # [..., h, w]
+    read: Box,  # of the coarse pixels
+    box: Box,
+    axes: tuple[tuple[Axis, Axis], tuple[Axis, Axis]],  # among pixels, and among coarse pixels
+    level: int,
+    *,
+    cubic: bool = False,
+) -> Tensor:
+    """The pixels [..., H, W] of a box, interpolated between coarse pixels.
 
-    taps: Tensor  # [T, P] indices of coarse pixels
-    share: Tensor  # [T, P]; 0 of coarse pixels that are missing
-
-
-def cubic_weights(first: float, pixels: int, step: float, length: int, like: Tensor) -> AxisWeights:
-    """The weights of cubic interpolation (Keys 1981, a = -1/2) between `length` coarse pixels.
-
-    `first`: position of the first of `pixels` pixels, as an index of coarse pixels; `step`:
-    distance between pixels, in coarse pixels; `like`: a tensor with the dtype and device of the
-    weights.
+    `cubic`: by cubics (Keys 1981, a = -1/2); else linearly, without overshoot.
     """
-    away, index = _taps(first, pixels, step, 2)
+    indices, reach = coarse.new_empty(0, dtype=torch.long), 2 if cubic else 1
+    for dim in (1, 0):
+        first = position_of(box[dim], axes[0][dim], axes[1][dim], level) - read[dim]
+        position = torch.arange(box[dim + 2], dtype=torch.float64) * 0.5**level + first
+        index = position.floor() + torch.arange(1 - reach, reach + 1)[:, None]
+        share = (_cubic if cubic else _linear)((position - index).abs())
+        inside = index.clamp(0, coarse.shape[dim - 2] - 1)  # missing ones have no share
+        shares = sent(share * (inside == index), coarse)
+        shares = shares if dim else shares[..., None]
+        taps = [coarse.index_select(dim - 2, each) for each in sent(inside, indices)]
+        coarse = taps[0] * shares[0]
+        for tap, weight in zip(taps[1:], shares[1:], strict=True):
+            coarse.addcmul_(tap, weight)
+    return coarse
+
+
+def _linear(away: Tensor) -> Tensor:
+    return (1 - away).clamp(min=0)
+
+
+def _cubic(away: Tensor) -> Tensor:
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
-    return _weights(
-        torch.where(away < 1, near, torch.where(away < 2, far, 0.0)), index, length, like
-    )
-
-
-def linear_weights(
-    first: float, pixels: int, step: float, length: int, like: Tensor
-) -> AxisWeights:
-    """The weights of linear interpolation, without overshoot; arguments as for `cubic_weights`."""
-    away, index = _taps(first, pixels, step, 1)
-    return _weights((1 - away).clamp(min=0), index, length, like)
-
-
-def _taps(first: float, pixels: int, step: float, reach: int) -> tuple[Tensor, Tensor]:
-    """Distances [T, P] from each pixel to its T = 2 reach nearest coarse pixels; their indices.
-
-    Other arguments are as for `cubic_weights`.
-    """
-    position = torch.arange(pixels, dtype=torch.float64) * step + first
-    index = position.floor() + torch.arange(1 - reach, reach + 1)[:, None]
-    return (position - index).abs(), index.long()
-
-
-def _weights(share: Tensor, index: Tensor, length: int, like: Tensor) -> AxisWeights:
-    inside = index.clamp(0, length - 1)
-    whole = like.new_empty(0, dtype=torch.long)
-    return AxisWeights(sent(inside, whole), sent(share * (inside == index), like))
-
-
-def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor:
-    """Coarse pixels [..., h, w], interpolated at pixels [..., H, W] by the weights of both axes."""
-    for dim, (index, share) in ((-1, columns), (-2, rows)):
-        taps = [values.index_select(dim, each) for each in index]
-        shares = share if dim == -1 else share[..., None]
-        values = taps[0] * shares[0]
-        for tap, weight in zip(taps[1:], shares[1:], strict=True):
-            values.addcmul_(tap, weight)
-    return values
-
-
-def linear(
-    coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
-) -> Tensor:
-    """Pixels of a picture, interpolated linearly between the coarse pixels [h, w] of that picture.
-
-    `rows`, `columns`: the first and the end of the wanted pixels; `size`: (height, width) of the
-    picture.
-    """
-    values = coarse
-    for dim, (first, end) in enumerate((rows, columns)):
-        before, after, fraction = coarse_neighbours(coarse, dim, first, end, size[dim])
-        low, high = values.index_select(dim, before), values.index_select(dim, after)
-        values = low + fraction.unsqueeze(1 - dim) * (high - low)
-    return values
+    return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
 
 
 def coarse_neighbours(
     coarse: Tensor, dim: int, first: int, end: int, length: int
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Indices of the coarse pixels before and after each pixel, and the weight of the one after.
-
-    The pixels are those from `first` to `end` along axis `dim`, which has `length` pixels.
-    """
+) -> tuple[Tensor, Tensor]:
+    """Indices of the coarse pixels before and after each pixel."""
     count = coarse.shape[dim]
     position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5
     position = (position * count / length - 0.5).clamp(0, count - 1)
     before = position.long().clamp(max=max(count - 2, 0))
-    return before, (before + 1).clamp(max=count - 1), position - before
+    return before, (before + 1).clamp(max=count - 1)
 
 
 def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:

@@ -6,6 +6,7 @@ One class holds the views of a tile, a region, a picture or a batch of pictures.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 from defocus_core.tensors.box import Box, Span
@@ -61,20 +62,20 @@ class ViewTensors(NamedTuple):
         )
 
 
-def assemble(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
-    """The views of a whole picture, joined from rows of adjacent parts."""
-    parts = [part for row in rows for part in row]
-    first, last = parts[0].box, parts[-1].box
-    kinds = range(len(parts[0].images))
-    return ViewTensors(
-        [_assembled([[part.images[kind] for part in row] for row in rows]) for kind in kinds],
-        _assembled([[part.trust for part in row] for row in rows]),
-        added(part.stats for part in parts),
-        Box.from_spans(
-            Span(first.sides[0].first, last.sides[0].end),
-            Span(first.sides[1].first, last.sides[1].end),
-        ),
-    )
+def assemble(parts: Sequence[ViewTensors]) -> ViewTensors:
+    """The views of a whole picture, joined from parts, row by row and each from left to right.
+
+    Each image has memory of its own, so that keeping one does not keep the others.
+    """
+    rows = [
+        [[*part.images, part.trust] for part in row]
+        for _, row in groupby(parts, lambda part: part.box.top)
+    ]
+    joined = [[torch.cat(kind, -1) for kind in zip(*row, strict=True)] for row in rows]
+    *images, trust = (torch.cat(kind, -2) for kind in zip(*joined, strict=True))
+    spans = zip(parts[0].box.sides, parts[-1].box.sides, strict=True)
+    box = Box.from_spans(*(Span(first.first, last.end) for first, last in spans))
+    return ViewTensors(images, trust, added(part.stats for part in parts), box)
 
 
 def batch(pictures: Sequence[ViewTensors]) -> ViewTensors:
@@ -100,10 +101,6 @@ def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
     for each in counts:
         total |= {name: total.get(name, 0) + count for name, count in each.items()}
     return total
-
-
-def _assembled(rows: list[list[Tensor]]) -> Tensor:
-    return torch.cat([torch.cat(row, -1) for row in rows], -2)
 
 
 def of_channels(

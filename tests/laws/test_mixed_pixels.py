@@ -189,7 +189,7 @@ def test_strands_that_the_depth_lacks_are_of_the_subject_of_the_matte(radii):
 
 @pytest.mark.parametrize("matte", [torch.full(SIZE, 1.5), torch.ones(3, 4), torch.ones(2, *SIZE)])
 def test_what_is_no_matte_of_the_picture_is_refused(matte):
-    with pytest.raises(ValueError, match=r"matte must be .* shaped as the radii"):
+    with pytest.raises(ValueError, match=r"matte must be "):
         render(torch.ones(3, *SIZE), torch.zeros(SIZE), matte=matte)
 
 

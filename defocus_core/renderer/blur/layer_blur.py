@@ -18,14 +18,7 @@ from defocus_core.renderer.blur.kernel_bank import Slicing, TransformWindow, blu
 from defocus_core.renderer.layers.sliced_surface import SlicedSurface, SurfaceSamples
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid
-from defocus_core.tensors.pyramid import (
-    Axis,
-    AxisWeights,
-    coarse_read,
-    cubic_weights,
-    position_of,
-    resampled,
-)
+from defocus_core.tensors.pyramid import Axis, coarse_read, upsampled
 
 CORNERS = 4
 
@@ -61,13 +54,10 @@ class Reduced:
         core: Box,
         middle: tuple[Axis, Axis],
     ) -> None:
-        """Blur the slices of a layer.
-
-        `slices`: for each slice of the surface, its number in `window`; `tilted`: the slices with
-        tilted surfaces; `groups`: parts that are computed at once; `core`: the region; `middle`:
-        the middle of the frame.
-        """
-        self._middle, self._level, margin = middle, window.level, window.margin
+        """Blur the slices of a layer."""
+        self._level, margin = window.level, window.margin
+        # coarse pixels are counted from the middle
+        self._axes = middle, (middle[0]._replace(middle=0), middle[1]._replace(middle=0))
         self._read = self._read_by(core)
         corner = self._read.top - margin, self._read.left - margin
         terms: list[tuple[Tensor, Tensor]] = []
@@ -93,23 +83,11 @@ class Reduced:
         """
         read = self._read_by(box)
         layer = read.seen_from(self._read).crop(self._layer)
-        return resampled(layer, *(self._axis_weights(d, box, read, layer) for d in (0, 1)))
+        return upsampled(layer, read, box, self._axes, self._level, cubic=True)
 
     def _read_by(self, box: Box) -> Box:
-        """The coarse pixels that cubic interpolation in `box` reads, two on each side."""
-        down, across = self._middle
-        coarse = down._replace(middle=0), across._replace(middle=0)
-        return coarse_read(box, self._middle, coarse, self._level).enlarged(1)
-
-    def _axis_weights(self, dim: int, pixels: Box, coarse: Box, like: Tensor) -> AxisWeights:
-        """The weights to interpolate the pixels of the box `pixels` from those of the box `coarse`.
-
-        `dim`: 0 for rows, 1 for columns; `like`: a tensor with the dtype and device of the weights.
-        """
-        axis = self._middle[dim]
-        place = position_of(pixels[dim], axis, axis._replace(middle=0), self._level)
-        first, count = place - coarse[dim], coarse[dim + 2]
-        return cubic_weights(first, pixels[dim + 2], 0.5**self._level, count, like)
+        """The coarse pixels that the pixels of a box are interpolated from: two on each side."""
+        return coarse_read(box, *self._axes, self._level).enlarged(1)
 
 
 class ShownLayer(NamedTuple):

@@ -199,7 +199,7 @@ _STEPS = 128
 
 
 def fraction_in_frame(
-    signed_radius: Tensor,  # [..., h, w] px
+    signed_radius: Tensor,  # [h, w] px
     box: Box,
     size: tuple[int, int],  # (height, width) of the rectangle
     aperture: Aperture,
@@ -210,7 +210,7 @@ def fraction_in_frame(
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
 
-    `box`: where the pixels lie in the rectangle. Returns [M, 1, ..., h, w] in [0.01, 1].
+    Returns [M, 1, h, w] in [0.01, 1].
     """
     positions = (sent(torch.arange(s.first, s.end), signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel
@@ -219,8 +219,6 @@ def fraction_in_frame(
     index = flat_nonzero(exceeding(signed_radius.abs() - nearest, 0.0))
     rows = index.div(box.width, rounding_mode="floor")
     columns = index - rows * box.width
-    if signed_radius.dim() > 2:  # of several samples of a pixel
-        rows = rows.remainder(box.height)
     r = signed_radius.flatten().index_select(0, index)[:, None]
     y, x = (
         (away / r).clamp(-1, 1)

@@ -241,14 +241,9 @@ class RegionPlace(NamedTuple):
         held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
-    def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
-        """The shares [m, 1, ..., h, w] of parts that see `bounds`; None if all are 1.
-
-        `signed_radius`: [..., h, w] px, of the pixels of the tiles.
-        """
+    def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor:
+        """The shares [m, 1, h, w] of parts that see the frame."""
         frame, core = self.frame, self.grid.box
-        if frame.is_inside(core, bounds):
-            return None
         aperture = frame.division.aperture
         seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
         fractions = fraction_in_frame(signed_radius, position, size, aperture, parts, seen)

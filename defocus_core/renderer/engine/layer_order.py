@@ -26,19 +26,11 @@ from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.saturating_sum import add_behind
 from defocus_core.renderer.compositing.sight import Sight
 from defocus_core.renderer.engine.frame import RegionPlace
+from defocus_core.renderer.inpainting.hidden_layers import CoarseGrid
 from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import (
-    AxisWeights,
-    axes,
-    coarse_read,
-    halves,
-    linear_weights,
-    position_of,
-    resampled,
-)
+from defocus_core.tensors.pyramid import axes, coarse_read, upsampled
 
 
 class Filling:
@@ -55,31 +47,22 @@ class Filling:
         frame, slicing = place.frame, place.frame.slices.invented
         self.level = slicing.level
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
-        self._fine = self._coarse = axes(frame.size, place.inner.top, place.inner.left)
-        tiles, around = place.grid.seen_from(place.inner), place.inner.seen_from(place.held)
-        coarse = tiles
+        fine, of_held = (axes(frame.size, *box[:2]) for box in (place.inner, place.held))
+        middle = CoarseGrid.from_size(place.inner[2:], fine, self.level).middle
+        held = CoarseGrid.from_size(place.held[2:], of_held, self.level)
+        self._axes = fine, middle
+        tiles = coarse = place.grid.seen_from(place.inner)
         if self.level:
-            down, across = (
-                halves(n, axis) for n, axis in zip(place.inner[2:], self._fine, strict=True)
-            )
-            self._coarse = (down.axis, across.axis)
-            frame_axes = axes(frame.size, place.held.top, place.held.left)
-            rows, columns = (
-                halves(n, axis) for n, axis in zip(place.held[2:], frame_axes, strict=True)
-            )
-            corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
-            around = Box(*corner, down.length, across.length)
-            read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]
-            coarse = coarse._replace(tiles=read)
+            read = [coarse_read(tile, *self._axes, self.level) for tile in tiles.tiles]
+            coarse = tiles._replace(tiles=read)
         self._tiles, self._coarse_of = tiles.tiles, coarse.tiles
-        self._groups = frame.division.groups
         self._blur = Blur(
-            SurfaceSamples([layer], around=around),
+            SurfaceSamples([layer], around=held.coarse(place.inner.seen_from(place.held))),
             frame.radii,
             slicing,
             coarse,
-            self._groups,
-            self._coarse,
+            frame.division.groups,
+            middle,
             by_corners=frame.settings.cat_eye is not None,
         )
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
@@ -100,17 +83,9 @@ class Filling:
     def _seen(self, index: int, octave: int, layer: Tensor, sight: Sight | None) -> Tensor:
         """An octave at full resolution, multiplied by the share that the lens sees."""
         if self.level:
-            tile, coarse = self._tiles[index], self._coarse_of[index]
-            layer = resampled(layer, *(self._axis_weights(d, tile, coarse, layer) for d in (0, 1)))
+            tile, read = self._tiles[index], self._coarse_of[index]
+            layer = upsampled(layer, read, tile, self._axes, self.level)
         return layer if sight is None else layer * sight.to_octave(octave)
-
-    def _axis_weights(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
-        """The weights to interpolate the pixels of a tile from coarse pixels.
-
-        `dim`: 0 for rows, 1 for columns; `like`: [..., h, w] coarse pixels.
-        """
-        first = position_of(tile[dim], self._fine[dim], self._coarse[dim], self.level) - coarse[dim]
-        return linear_weights(first, tile[dim + 2], 0.5**self.level, like.shape[dim - 2], like)
 
 
 def _whole(octaves: dict[int, Tensor]) -> Tensor:

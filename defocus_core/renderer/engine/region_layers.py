@@ -38,9 +38,6 @@ from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
 
-# Samples at the border of the frame that are looked up at once; bounds memory.
-_SAMPLES_AT_ONCE = 1 << 17
-
 
 class RegionLayers(NamedTuple):
     """The layers in the rectangle `outer` of a region."""
@@ -155,26 +152,14 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
 def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | float:
-    """The share [m, 1, h, w] of each part that sees `bounds`, or 1.0 if all shares are 1.
-
-    It is the mean of `RegionPlace.fractions` over the visible samples of each pixel.
-    """
-    first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))
-    radius = first.signed_radius
-    total = place.fractions(bounds, radius, parts)
-    if total is None:
+    """Means of `RegionPlace.fractions` over the visible samples of each pixel; 1 if all are 1."""
+    if place.frame.is_inside(place.grid.box, bounds):
         return 1.0
-    if not first.sparse or not others:  # of a picture, its own surface alone
-        return total
-    radii = torch.stack([layer.signed_radius for layer in others])
-    weights = torch.stack([layer.covered for layer in others])
-    total = total * (1 - weights.sum(0))
-    at_once = max(1, _SAMPLES_AT_ONCE // radius.numel())
-    for start in range(0, len(radii), at_once):
-        radius, weight = (x[start : start + at_once] for x in (radii, weights))
-        fractions = place.fractions(bounds, radius, parts)
-        if fractions is not None:
-            total = total + (fractions * weight).sum(2)
+    first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))
+    total = of_first = place.fractions(bounds, first.signed_radius, parts)
+    for layer in others if first.sparse else ():  # of a picture, its own surface alone
+        own = place.fractions(bounds, layer.signed_radius, parts)
+        total = total + (own - of_first) * layer.covered
     return total
 
 

@@ -214,7 +214,7 @@ def rendered_regions(
             tiles.append(tile)
             if progress and (number := next(numbers)) <= count:  # else a backward pass repeats it
                 progress(number, count)
-        return assemble([tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)])
+        return assemble(tiles)
 
     for row in regions(frame.grid, frame.margin):
         yield from map(recomputed(computed), row)

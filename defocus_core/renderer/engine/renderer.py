@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 
 import torch
-from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth
@@ -19,7 +18,6 @@ from defocus_core.renderer.engine.scene import InFocus, Scene, Surface
 from defocus_core.renderer.engine.settings import STANDARD, Settings, quality_of
 from defocus_core.renderer.engine.survey import border_range, surveyed
 from defocus_core.renderer.layers.alpha import color_of, without_alpha
-from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.threads import own_modes, recorded_for, refuse_second_derivatives
 from defocus_core.tensors.views import ViewTensors, added, assemble
@@ -131,11 +129,12 @@ class Renderer:
     def picture(self, progress: Callable[[int, int], None] | None = None) -> ViewTensors:
         """The views of the whole picture, in the dtype of the scene."""
         with self._modes():
-            pixels, layers = self.in_focus.surface.image, self.in_focus.layers
-            if layers is not None and not layers.with_alpha:
-                pixels = color_of(pixels)
-            pixels = pixels.to(self._given.tensors[0].dtype)
-            return _assembled(self.frame, pixels, self.tiles(progress))
+            dtype = self._given.tensors[0].dtype
+            views = assemble([part.to(dtype) for part in self.tiles(progress)])
+            for image in views.images:
+                if image.requires_grad:
+                    image.register_hook(refuse_second_derivatives)  # type: ignore[no-untyped-call]
+            return views._replace(stats=_total(self.frame, [views.stats]))
 
     def with_tile(self, tile: int | None) -> Renderer:
         """A renderer of the same scene with tiles of `tile` px; this renderer if that is None."""
@@ -149,46 +148,11 @@ class Renderer:
         return _total(self.frame, self._counts)
 
 
-def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors]) -> ViewTensors:
-    """The views of the whole picture, joined from `parts`.
-
-    Each image [C, H, W] has memory of its own, so that keeping one does not keep the others.
-    `pixels`: [C, H, W], whose dtype the views get.
-    """
-    if torch.is_grad_enabled():
-        views = assemble(list(_in_rows(part.to(pixels.dtype) for part in parts)))
-        for image in views.images:
-            if image.requires_grad:
-                image.register_hook(refuse_second_derivatives)  # type: ignore[no-untyped-call]
-        return views._replace(stats=_total(frame, [views.stats]))
-    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
-    trust = pixels.new_empty(1, *pixels.shape[1:])
-    counts: list[dict[str, int]] = []
-    for part in (part.to(pixels.dtype) for part in parts):
-        for image, part_image in zip(images, part.images, strict=True):
-            part.box.crop(image).copy_(part_image)
-        part.box.crop(trust).copy_(part.trust)
-        counts.append(part.stats)
-    whole = Box(0, 0, *pixels.shape[-2:])
-    return ViewTensors(images, trust, _total(frame, counts), whole)
-
-
 def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The sums of the counts of all regions; the compiled back counts no slices."""
     if counts and not any("slice_tiles" in each for each in counts):
         return added(counts)
     return {"slices": len(frame.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
-
-
-def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
-    """Yield the regions of a picture row by row, each row as a list."""
-    row: list[ViewTensors] = []
-    for part in parts:
-        if row and part.box.left == 0:
-            yield row
-            row = []
-        row.append(part)
-    yield row
 
 
 def repaired(surface: Surface, settings: Settings) -> tuple[Surface, DepthRepair]:

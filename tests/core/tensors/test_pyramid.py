@@ -3,9 +3,10 @@
 import pytest
 import torch
 
-from defocus_core.tensors.pyramid import cubic_weights, resampled
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import Axis, upsampled
 
-FIRSTS = (2.25, 2.75)
+MIDDLE = Axis(0, False)
 
 
 def squares(down, across):
@@ -18,8 +19,10 @@ def squares(down, across):
 @pytest.mark.parametrize("size", [(192, 192), (120, 55), (9, 1)])
 def test_polynomials_stay_what_they_are(level, size):
     step, coarse = 0.5**level, squares(torch.arange(110).double(), torch.arange(120).double())
-    axes = list(zip(FIRSTS, size, strict=True))
-    sides = zip(axes, coarse.shape[1:], strict=True)
-    weights = (cubic_weights(at, n, step, length, coarse) for (at, n), length in sides)
-    expected = squares(*(at + step * torch.arange(n).double() for at, n in axes))
-    torch.testing.assert_close(resampled(coarse, *weights), expected, rtol=0, atol=1e-13)
+    read, box = Box(10, 20, 110, 120), Box(13 << level, 23 << level, *size)
+    axes = (MIDDLE, MIDDLE), (MIDDLE, MIDDLE)
+    starts = [(box[d] + 0.5) * step - 0.5 - read[d] for d in (0, 1)]
+    sides = zip(starts, size, strict=True)
+    expected = squares(*(at + step * torch.arange(n).double() for at, n in sides))
+    found = upsampled(coarse, read, box, axes, level, cubic=True)
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-13)
