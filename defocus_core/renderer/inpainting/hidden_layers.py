@@ -49,9 +49,7 @@ class CoarseGrid(NamedTuple):
         """Positions `at` [n, 2] in coarse pixels, converted to px; they may be fractional."""
         step = 1 << self.level
         positions = [
-            (at[:, d] - axis.middle) * step + fine.middle
-            if axis.odd
-            else ((at[:, d] - axis.middle) * step + fine.middle).float() + (step - 1) / 2
+            (at[:, d] - axis.middle) * step + fine.middle + (0.0 if axis.odd else (step - 1) / 2)
             for d, (axis, fine) in enumerate(zip(self.middle, self.fine, strict=True))
         ]
         return torch.stack(positions, 1)

@@ -98,74 +98,48 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
-    r, linear = signed_radius.flatten(), any(piece.b for piece in _pieces(radii))
-    lower, ends, a, b, c = _columns(radii, r.dtype, r.device)
-    piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
-    if torch.is_grad_enabled() and r.requires_grad:  # on a limit, the piece before it
-        before = (piece - 1).clamp(min=0)
-        piece = torch.where(tied(r, ends.index_select(0, before)), before, piece)
-    fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
-    if linear:
-        fraction = fraction.addcmul(b.index_select(0, piece), r)
-    lower, share = lower.index_select(0, piece), fraction.clamp(0, 1)
-    if torch.is_grad_enabled() and r.requires_grad:  # positions round more than their fractions
-        rounding = tied(lower + fraction, lower + share)
+    r = signed_radius.flatten()
+    if _has_sharp(radii):
+        soft = torch.nn.functional.softshrink(r, SHARP) * (SOFT / (SOFT - SHARP))
+        r = torch.where(r.detach().abs() < SOFT, soft, r)
+    ends, a, b, c = _shares(radii, r.dtype, r.device)
+    first = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
+    learn = torch.is_grad_enabled() and r.requires_grad
+    if learn:  # on a slice, the interval before it
+        before = (first - 1).clamp(min=0)
+        first = torch.where(tied(r, ends.index_select(0, before)), before, first)
+    square = r * r.abs()
+    fraction = torch.addcmul(c.index_select(0, first), a.index_select(0, first), square)
+    if any(low < 0 < high for low, high in pairwise(radii)):
+        fraction = fraction.addcmul(b.index_select(0, first), r)
+    share = fraction.clamp(0, 1)
+    if learn:  # positions round more than their fractions
+        rounding = tied(first + fraction, first + share)
         share = torch.where(rounding, with_gradient(share, fraction), share)
-    positions = lower + share
-    return positions.reshape(signed_radius.shape)
+    return (first + share).reshape(signed_radius.shape)
 
 
-class _QuadraticPiece(NamedTuple):
-    """The share a r² + b r + c in the slice after `slice_index`, for radii r up to `end` px."""
-
-    slice_index: int
-    end: float
-    a: float
-    b: float
-    c: float
+def _has_sharp(radii: tuple[float, ...]) -> bool:
+    """Whether radii up to SHARP px count as in focus: if other slices are far from it."""
+    return 0.0 in radii and min(abs(r) for r in radii if r) >= 2 * SOFT
 
 
 @lru_cache(maxsize=32)
-def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
-    """The pieces of the function from radii to shares, in ascending order of radii."""
-    pieces = []
-    for slice_index, (low, high) in enumerate(pairwise(radii)):
-        square, width = high * high - low * low, high - low
-        if low * high < 0:  # no slice is in focus
-            pieces.append(_QuadraticPiece(slice_index, high, 0.0, 1 / width, -low / width))
-            continue
-        a = 1 / square if square else 0.0
-        whole = _QuadraticPiece(slice_index, high, a, 0.0, -a * low * low)
-        sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * SOFT else _sharp(whole)
-        pieces += [*sharp, whole] if high > 0 else [whole, *sharp]
-        if sharp and high == 0:
-            pieces[-3] = whole._replace(end=-SOFT)
-    return pieces
-
-
-@lru_cache(maxsize=32)
-def _columns(
+def _shares(
     radii: tuple[float, ...], dtype: torch.dtype, device: torch.device
 ) -> tuple[Tensor, ...]:
-    """The fields of `_pieces` as tensors, one tensor for each field."""
+    """For each interval its end, and a, b, c: radii r have a share a r |r| + b r + c beyond it."""
+    rows = []
+    for low, high in pairwise(radii):
+        square, width = high * abs(high) - low * abs(low), high - low
+        if low < 0 < high:  # no slice is in focus
+            rows.append((high, 0.0, 1 / width, -low / width))
+        else:
+            a = 1 / square if square else 0.0
+            rows.append((high, a, 0.0, -a * low * abs(low)))
+    like = torch.empty(0, dtype=dtype, device=device)
     with torch.inference_mode(False):  # they are cached for calls that need gradients, too
-        return tuple(
-            sent(column, torch.empty(0, dtype=dtype, device=device))
-            for column in zip(*_pieces(radii), strict=True)
-        )
-
-
-def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
-    """The pieces for |r| from 0 to SHARP and from SHARP to SOFT, on the side of `whole`.
-
-    `whole`: the piece next to focus, which holds for the radii beyond.
-    """
-    k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
-    if whole.end > 0:
-        between = _QuadraticPiece(whole.slice_index, SOFT, k, -2 * k * SHARP, k * SHARP**2)
-        return [_QuadraticPiece(whole.slice_index, SHARP, 0.0, 0.0, 0.0), between]
-    between = _QuadraticPiece(whole.slice_index, -SHARP, k, 2 * k * SHARP, 1 + k * SHARP**2)
-    return [between, _QuadraticPiece(whole.slice_index, 0.0, 0.0, 0.0, 1.0)]
+        return tuple(sent(column, like) for column in zip(*rows, strict=True))
 
 
 def membership(positions: Tensor, slices: Tensor) -> Tensor:
