@@ -48,10 +48,6 @@ class Box(NamedTuple):
         """This rectangle enlarged by `by` px on all sides, without clipping."""
         return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
 
-    def shrunk(self, by: int) -> Box:
-        """This rectangle reduced by `by` px on all sides; height or width may become negative."""
-        return self.enlarged(-by)
-
     def seen_from(self, other: Box) -> Box:
         """This rectangle with its position relative to the upper left corner of `other`."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
@@ -71,14 +67,6 @@ class Span(NamedTuple):
     def length(self) -> int:
         """The number of indices; 0 or negative if the range is empty."""
         return self.end - self.first
-
-    def intersection(self, other: Span) -> Span:
-        """The intersection with another span."""
-        return Span(max(self.first, other.first), min(self.end, other.end))
-
-    def grown(self, by: int) -> Span:
-        """The span extended by `by` samples at both ends."""
-        return Span(self.first - by, self.end + by)
 
 
 # Default side of a tile in px: pixels far from a tile are not blurred over it.

@@ -155,9 +155,9 @@ def _lit(
         lamps = _Lamps(*(x.to(light) for x in _lamps(frame, blobs, low)))
         if low >= minimum or is_last:
             base = base or every
-            shown = lamps.fraction[blobs.number] > _COUNTED
-            holding.append(base.holding(blobs.runs.row[shown], blobs.runs.first[shown]))
-        (row, column, blob) = blobs.pixels
+            shown = lamps.fraction[blobs.blob] > _COUNTED
+            holding.append(base.holding(blobs.row[shown], blobs.column[shown]))
+        row, column, blob, _ = blobs
         own = light[:, row, column]
         shining = own.amax(0)
         limits = shining.clamp(max=low), shining if is_last else shining.clamp(max=high)
@@ -172,11 +172,11 @@ def _lit(
 
 
 class _SmallBlobs(NamedTuple):
-    """Blobs of connected pixels that are brighter than a level, and small enough to be lamps."""
+    """The pixels of blobs that are brighter than a level, and small enough for lamps."""
 
-    runs: Runs
-    number: Tensor  # [n] the blob of each run
-    pixels: tuple[Tensor, Tensor, Tensor]  # row, column and blob of each pixel
+    row: Tensor  # [n]
+    column: Tensor  # [n]
+    blob: Tensor  # [n] the number of the blob of each pixel
     many: int  # number of blobs
 
 
@@ -197,9 +197,8 @@ class _LightFrame(NamedTuple):
         number, length = torch.unique(blob[kept], return_inverse=True)[1], end - first
         run = torch.arange(len(row), device=row.device).repeat_interleave(length)
         within = torch.arange(len(run), device=row.device) - (length.cumsum(0) - length)[run]
-        pixels = row[run], first[run] + within, number[run]
         many = int(number.max()) + 1 if len(number) else 0
-        return _SmallBlobs(Runs(row, first, end, runs.stride), number, pixels, many)
+        return _SmallBlobs(row[run], first[run] + within, number[run], many)
 
 
 def _beside(frame: _LightFrame, row: Tensor, column: Tensor, level: float) -> Iterator[Tensor]:
@@ -256,28 +255,28 @@ def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
     are not brighter than `level`.
     """
     light, bright, (height, width) = frame.light, frame.bright, frame.bright.shape
-    runs, number, (row, column, blob), _ = blobs
-    ends = [(runs.row, runs.first, 0, -1, number), (runs.row, runs.end - 1, 0, 1, number)]
-    for down in (-1, 1):
-        last = bright[(row + down).clamp(0, height - 1), column] <= level
-        ends.append((row[last], column[last], down, 0, blob[last]))
     total = light.new_zeros(3 + len(light), blobs.many).double()
-    for row, column, down, across, of in ends:
+    for down, across in ((0, -1), (0, 1), (-1, 0), (1, 0)):
+        beside = (
+            (blobs.row + down).clamp(0, height - 1),
+            (blobs.column + across).clamp(0, width - 1),
+        )
+        last = bright[beside] <= level
+        row, column, blob = (each[last] for each in blobs[:3])
         for away in range(1, max(_MIN_RIM, round(_RIM * max(height, width))) + 1):
             y, x = row + down * away, column + across * away
             at = y.clamp(0, height - 1), x.clamp(0, width - 1)
             dark = ((y == at[0]) & (x == at[1]) & (bright[at] <= level)).to(light)
             weight = dark * bright[at] ** 2
             sums = [torch.stack([dark, dark * bright[at], weight]), weight * light[:, *at]]
-            total.index_add_(1, of, torch.cat(sums).double())
+            total.index_add_(1, blob, torch.cat(sums).double())
     return total / 2
 
 
 def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
-    """The estimated lamp of each of m blobs, whose pixels are brighter than `low`."""
-    runs, number, (row, column, blob), _ = blobs
-    zeros = torch.zeros(blobs.many, dtype=torch.float64, device=number.device)
-    area = zeros.index_add(0, number, (runs.end - runs.first).double())
+    """The lamp of each blob [m] of pixels brighter than a level."""
+    row, column, blob, many = blobs
+    zeros, area = row.new_zeros(many).double(), torch.bincount(blob, minlength=many).double()
     white, blur = _step(frame.light[:, row, column].amin(0), *_HUE), frame.blur[row, column]
     values = white, blur, *_beside(frame, row, column, low)
     bleached, blur, beside, *ground = (zeros.index_add(0, blob, x.double()) for x in values)
@@ -310,14 +309,14 @@ def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
 
 
 def _length(blobs: _SmallBlobs) -> Tensor:
-    """The longer side [m] of the bounding box of each blob, in px."""
-    runs, blank = blobs.runs, blobs.number.new_zeros(blobs.many)
-
-    def ends(values: Tensor, which: str) -> Tensor:
-        return blank.scatter_reduce(0, blobs.number, values, which, include_self=False)
-
-    down = ends(runs.row, "amax") - ends(runs.row, "amin") + 1
-    return down.maximum(ends(runs.end, "amax") - ends(runs.first, "amin"))
+    """The longer side of each blob [m], in px."""
+    blank = blobs.blob.new_zeros(2, blobs.many)
+    place, blob = torch.stack([blobs.row, blobs.column]), blobs.blob.expand(2, -1)
+    first, last = (
+        blank.scatter_reduce(1, blob, place, which, include_self=False)
+        for which in ("amin", "amax")
+    )
+    return (last - first + 1).amax(0)
 
 
 def _interpolated(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:

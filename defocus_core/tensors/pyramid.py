@@ -61,12 +61,6 @@ def halves(length: int, axis: Axis) -> AxisHalving:
     return AxisHalving(before, after, (length + before + after + axis.odd) // 2, middle)
 
 
-def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: float) -> Tensor:
-    """Values [..., H, W] padded with `value`, so that both axes consist of whole coarse pixels."""
-    missing = (across.before, across.after, down.before, down.after)
-    return torch.nn.functional.pad(values, missing, value=value) if any(missing) else values
-
-
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     """The greatest value of the coarse pixels [..., h, w] that include each pixel [..., H, W].
 

@@ -162,7 +162,7 @@ def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor
     return total
 
 
-# Number of slopes of a slice whose tilted kernels are cached.
+# Mean number of slopes of a slice whose tilted kernels are cached.
 _PLANES = 4
 
 
@@ -192,7 +192,7 @@ class TransformWindow:
     # Cached spectra, by number of the slice, and whether they lean
     spectra: dict[tuple[int, bool], Tensor] = field(default_factory=dict)
     # Cached spectra of kernels tilted for planes, by number and slope
-    planes: dict[int, dict[tuple[float, float], Tensor]] = field(default_factory=dict)
+    planes: dict[tuple[int, tuple[float, float]], Tensor] = field(default_factory=dict)
 
     @property
     def requires_grad(self) -> bool:
@@ -228,25 +228,22 @@ class TransformWindow:
         return self.spectra[slice_index, leaning]
 
     def tilted(self, slopes: Mapping[int, tuple[float, float]]) -> dict[int, Tensor]:
-        """The spectra [M, 1, ...] of the kernels of slices that are tilted planes, by slice.
-
-        `slopes`: for each slice, the slopes of its radius along x and y, in px per px.
-        """
-        cached = {number: self.planes.setdefault(number, {}) for number in slopes}
-        for known in cached.values() if self.requires_grad else ():
-            known.clear()
-        missing = [number for number, slope in slopes.items() if slope not in cached[number]]
+        """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
+        if self.requires_grad or len(self.planes) > _PLANES * len(self.slices):
+            self.planes.clear()
+        known = dict(self.planes)  # other threads may clear it
+        found = {n: known[n, slope] for n, slope in slopes.items() if (n, slope) in known}
+        missing = [number for number in slopes if number not in found]
         if missing:
             versions = torch.stack(self._kernels(missing, leaning=True), 1)
             leans = sent([slopes[number] for number in missing], versions)
             x, y = leans.T.view(2, -1, *[1] * (versions.dim() - 2))
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
             spectra = kernel_spectra(tilted, self.size).unsqueeze(2)
-            for number, spectrum in zip(missing, spectra.unbind(), strict=True):
-                if len(cached[number]) >= _PLANES:
-                    cached[number].clear()
-                cached[number][slopes[number]] = spectrum
-        return {number: cached[number][slope] for number, slope in slopes.items()}
+            made = dict(zip(missing, spectra.unbind(), strict=True))
+            self.planes.update({(number, slopes[number]): each for number, each in made.items()})
+            found |= made
+        return found
 
     def _transformed(self, slice_indices: list[int], *, leaning: bool) -> Sequence[Tensor]:
         """The spectra of several slices, each as `spectrum` returns it."""
@@ -341,4 +338,3 @@ class Slicing(NamedTuple):
     layers: list[int]
     # For each slice the greatest reach of its light in coarse pixels of this resolution
     coarse: list[int]
-    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame

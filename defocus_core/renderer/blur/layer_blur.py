@@ -156,7 +156,7 @@ class Blur:
             if reduced := self._reduced.get(layer_index):
                 layer = reduced.upsampled(tile)
             else:
-                layer = (self._blurred if window.margin else self._sharp)(window, indices, index)
+                layer = self._blurred(window, indices, index)
             if self._by_corners:
                 layer = blended(layer, tile, self._grid.box)
             moved = None
@@ -171,6 +171,9 @@ class Blur:
     def _blurred(self, window: TransformWindow, slice_indices: range, index: int) -> Tensor:
         """A layer [M, C + 1, h, w] in tile number `index`, blurred at full resolution."""
         surface, tile = self.surface, self._grid.tiles[index]
+        if not window.margin:  # the same for all parts
+            pixels = surface.members(slice_indices, tile).sum(1)
+            return pixels.expand(self._groups[-1].stop, *pixels.shape)
         box = Box(tile.top - window.margin, tile.left - window.margin, *window.size)
         pixels = surface.members(slice_indices, box)
         spectra = torch.fft.rfft2(pixels).unbind(1)
@@ -191,8 +194,3 @@ class Blur:
                 terms += zip(pair, leans, strict=True)
         margin = window.margin
         return blurred(terms, self._groups, window.size, Box(margin, margin, *tile[2:]))
-
-    def _sharp(self, _: TransformWindow, slice_indices: range, index: int) -> Tensor:
-        """A layer [M, C + 1, h, w] whose slices are not blurred; all M parts are the same."""
-        pixels = self.surface.members(slice_indices, self._grid.tiles[index]).sum(1)
-        return pixels.expand(self._groups[-1].stop, *pixels.shape)

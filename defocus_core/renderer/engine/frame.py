@@ -163,8 +163,8 @@ class SharedFrame:
         return Box(-rows, -columns, height + 2 * rows, width + 2 * columns)
 
     def is_inside(self, box: Box, bounds: Box) -> bool:
-        """Whether no light from outside of `bounds` reaches `box`."""
-        return box == box.grown(0, bounds.shrunk(self.farthest))
+        """Whether no light from beyond a larger rectangle reaches a rectangle."""
+        return box == box.grown(0, bounds.enlarged(-self.farthest))
 
     @property
     def trace(self) -> float:

@@ -69,10 +69,11 @@ def frame_of(
     stride = 1 if exact else quality.hidden_stride
     level = quality.hidden_level if edges and not exact else 0
     border = border or border_range(signed_radius)
-    inwards = 0
+    inwards = 0  # reach in px of light from beyond the frame into it
     if exact or max(map(abs, border)) > SHARP:
-        coarse_too = (level, stride) if edges else None
-        inwards = _inwards(border, radii, quality, coarse_too)
+        for halvings, step in [(0, 1), (level, stride)] if edges else [(0, 1)]:
+            unbounded = _at_resolution(radii, quality, _ANY_PX, halvings).reaches
+            inwards = max(inwards, _reach_of(border, radii, unbounded, step))
     # whole blocks, so that those of the frame stay where they are
     rows, columns = (-(-min(inwards, max(n, _BEYOND)) // BLOCK) * BLOCK for n in size)
     maximum = max(size[0] + rows, size[1] + columns) - 1
@@ -183,25 +184,6 @@ def _hidden_layers(of_hidden: list[int], spreads: list[Spread]) -> list[int]:
     return list(accumulate((kind != before for before, kind in pairwise(kinds)), initial=0))
 
 
-def _inwards(
-    border: tuple[float, float],
-    radii: tuple[float, ...],
-    quality: Quality,
-    hidden: tuple[int, int] | None,  # halvings and stride of invented surfaces; None without any
-) -> int:
-    """The greatest distance in px that light from beyond the frame reaches into it.
-
-    `border`: least and greatest signed radius on the edge of the frame.
-    """
-    unbounded = _at_resolution(radii, quality, _ANY_PX, 0)
-    inwards = _reach_of(border, radii, unbounded.reaches)
-    if hidden is not None:
-        level, stride = hidden
-        unbounded = _at_resolution(radii, quality, _ANY_PX, level)
-        inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
-    return inwards
-
-
 def _slicing(
     radii: tuple[float, ...],
     grid: Grid,
@@ -212,14 +194,14 @@ def _slicing(
     layer_of: list[int],
     stride: int,
 ) -> Slicing:
-    """How the slices of a surface are blurred at a resolution."""
-    level, spreads, reaches = resolution
+    """The slices of a surface at a resolution."""
+    level, spreads, _ = resolution
     scaled = tuple(r / (1 << level) for r in radii)
     side, region = (_halved(size, level) for size in (grid.tiles[0][2:], region))
     opening = division.aperture, division.parts
     windows = transform_windows(scaled, spreads, layer_of, side, region, *opening, like, stride)
     reached = [spread.px for spread in spreads]
-    return Slicing(stride, level, windows, layer_of, reached, reaches)
+    return Slicing(stride, level, windows, layer_of, reached)
 
 
 @lru_cache(maxsize=256)
@@ -238,7 +220,7 @@ def _at_resolution(
 
 
 def _reach_of(
-    limits: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
+    limits: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int
 ) -> int:
     """The greatest reach in px of light from surfaces with radii within `limits`.
 

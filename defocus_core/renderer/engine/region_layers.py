@@ -89,7 +89,8 @@ def _of_picture(
     layers: Sequence[SampleLayer] = (SampleLayer.whole(image, radius),)
     lights, behind, sight = list[Highlights](), list[SampleLayer](), None
     if backdrop is not None:
-        layers = layers_within(image, radius, backdrop, place.outer)
+        whole, mixed = place.outer[2:] == backdrop.size, backdrop.mixed
+        layers = layers_of(image, radius, mixed if whole else mixed_within(mixed, place.outer))
     if content.highlights:
         layers, lights = split(layers, len(image), content.limit)
     if content.edges:
@@ -192,19 +193,6 @@ def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
         unmixes=layered is None,
         matte=surface.matte,
     )
-
-
-def layers_within(
-    pixels: Tensor, signed_radius: Tensor, backdrop: Backdrop, outer: Box
-) -> tuple[SampleLayer, ...]:
-    """The layers of a part of a picture, in the rectangle `outer` of the frame.
-
-    `pixels`: [C, h, w]; `signed_radius`: [h, w] px.
-    """
-    mixed = backdrop.mixed
-    if outer[2:] != backdrop.size:
-        mixed = mixed_within(mixed, outer)
-    return layers_of(pixels, signed_radius, mixed)
 
 
 def continued(

@@ -20,6 +20,7 @@ from defocus_core.renderer.engine.limits import (
 )
 from defocus_core.renderer.inpainting.disocclusion import FARTHEST
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
+from defocus_core.renderer.layers.slopes import slope_within
 from defocus_core.tensors.device_plan import sent
 
 
@@ -33,33 +34,12 @@ def structure(half: PyramidLevel) -> PyramidLevel:
     """
     assert half.near is not None
     radius = torch.where(half.edges, torch.nan, half.far[-1].detach())
-    x, y = (_slope(half.far[:-4], radius, dim) for dim in (-1, -2))
+    x, y = (slope_within(half.far[:-4], radius, dim, SAME_AT_HALF) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     # nearer surfaces have too few pixels for slopes
     pairs = (half.far, tensor), (half.near, torch.zeros_like(tensor))
     far, near = (torch.cat([surface[:-3], more, surface[-3:]]) for surface, more in pairs)
     return half._replace(far=far, near=near)
-
-
-def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
-    """The mean slope [C, H, W] along `dim` towards the neighbours on the same surface.
-
-    `r`: radii [H, W], NaN at depth edges.
-    """
-    n = values.shape[dim] - 1
-    if n < 1:
-        return torch.zeros_like(values)
-    same = (r.diff(dim=dim).abs() < SAME_AT_HALF).to(values.dtype)
-    total, count = (_sum_beside(each, dim) for each in (values.diff(dim=dim) * same, same))
-    return total / count.clamp(min=1)
-
-
-def _sum_beside(steps: Tensor, dim: int) -> Tensor:
-    """The sum of the two steps beside each pixel along `dim`; at a border, the only step."""
-    n = steps.shape[dim] - 1
-    first, last = steps.narrow(dim, 0, 1), steps.narrow(dim, n, 1)
-    inner = steps.narrow(dim, 0, n) + steps.narrow(dim, 1, n)
-    return torch.cat([first, inner, last], dim)
 
 
 def transported(

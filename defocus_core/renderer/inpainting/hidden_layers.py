@@ -25,7 +25,7 @@ from defocus_core.renderer.layers.layer import HiddenLayer
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import flat_nonzero
-from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
+from defocus_core.tensors.pyramid import Axis, halves
 
 _Axes = tuple[Axis, Axis]
 
@@ -63,23 +63,6 @@ class CoarseGrid(NamedTuple):
             half = halves(length, Axis(fine.middle - start, fine.odd))
             limits.append((axis.middle - half.axis.middle, half.length))
         return Box(limits[0][0], limits[1][0], limits[0][1], limits[1][1])
-
-
-def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
-    """The greatest value of the coarse pixels that contain each pixel [..., H, W].
-
-    `values`: [..., h, w] at half resolution; `size`: (height, width) in px; `middle`: the middle of
-    the frame.
-    """
-    down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
-    wide = spread_out(values, (down.axis.odd, across.axis.odd))
-    return Box(down.before, across.before, *size).crop(wide)
-
-
-def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
-    """Whether each coarse pixel [h, w] of half resolution contains any pixel of a mask [H, W]."""
-    fraction, _ = averaged(mask.to(torch.float32)[None, None], 1, middle)
-    return fraction[0, 0].gt(0)
 
 
 def hidden_layer(
@@ -202,13 +185,7 @@ def without_known(
     `known`: [H, W] bool, where the hidden content is known up to `known_radius` [H, W] px;
     `middle`: the middle of the frame, in px.
     """
-    size = (known.shape[-2], known.shape[-1])
-    halved = hidden.mask.shape != known.shape
-    mask, radius = hidden.mask, hidden.signed_radius
-    if halved:
-        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
-        radius = in_pixels(radius.detach(), size, middle)
-    needed = mask & (~known | (radius > known_radius + STEP))
-    if halved:
-        needed = hidden.mask & in_coarse_pixels(needed, middle)
-    return hidden._replace(mask=needed)
+    limit = torch.where(known, known_radius.detach(), -torch.inf)
+    if hidden.mask.shape != known.shape:
+        limit = least_of(limit, middle)
+    return hidden._replace(mask=hidden.mask & (hidden.signed_radius > limit + STEP))

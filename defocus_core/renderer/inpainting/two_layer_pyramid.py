@@ -22,7 +22,7 @@ from torch.nn.functional import embedding_bag, pad
 
 from defocus_core.renderer.engine import limits
 from defocus_core.tensors.device_plan import pieces, sent
-from defocus_core.tensors.pyramid import Axis, AxisHalving, extended, halves, position_of
+from defocus_core.tensors.pyramid import Axis, AxisHalving, halves, position_of
 from defocus_core.tensors.threads import recomputed
 
 # Copies of all that coarse pixels hold, while two surfaces are made of it.
@@ -76,15 +76,8 @@ def coarser(level: PyramidLevel) -> PyramidLevel:
     """The next coarser level, at half the resolution."""
     axes = [halves(n, axis) for n, axis in zip(level.size, level.middle, strict=True)]
     alike = limits.ONE_SURFACE * limits.GROWTH ** max(level.level - 1, 0)
-    missing, shares = list[int](), list[list[float]]()
-    for axis, length in zip(axes, level.size, strict=True):
-        before, share = _shares(axis, overlapping=level.level > 0)
-        before += axis.before
-        missing = [before, 2 * axis.length - 2 + len(share) - before - length, *missing]
-        shares.append(share)
     pixels = torch.stack(level.surfaces, 1)  # [K + 3, s, H, W]
-    pixels = pad(pixels, missing) if any(missing) else pixels
-    held = pixels.unfold(-2, len(shares[0]), 2).unfold(-2, len(shares[1]), 2)
+    held, shares = _held(pixels, axes, 0.0, overlapping=level.level > 0)
     held = held.movedim((-2, -1), (2, 3))  # [K + 3, s, down, across, h, w]
     every = [a * b for a in shares[0] for b in shares[1]] * pixels.shape[1]
     fraction = sent(every, pixels)[:, None, None]
@@ -100,11 +93,24 @@ def coarser(level: PyramidLevel) -> PyramidLevel:
     return PyramidLevel(far, near, (axes[0].axis, axes[1].axis), level.level + 1)
 
 
-def _shares(axis: AxisHalving, *, overlapping: bool) -> tuple[int, list[float]]:
-    """How many pixels before pixel 2 i are averaged to coarse pixel i, and all pixels' shares."""
-    if axis.axis.odd:
-        return 1, [0.5, 1.0, 0.5]
-    return (1, [0.25, 0.75, 0.75, 0.25]) if overlapping else (0, [1.0, 1.0])
+def _held(
+    values: Tensor, axes: Sequence[AxisHalving], beyond: float, *, overlapping: bool
+) -> tuple[Tensor, list[list[float]]]:
+    """The pixels [..., h, w, down, across] that share in each coarse pixel; their shares.
+
+    `beyond`: value of pixels beyond those of `values` [..., H, W].
+    """
+    missing, shares = list[int](), list[list[float]]()
+    for axis, length in zip(axes, values.shape[-2:], strict=True):
+        share, before = [1.0, 1.0], axis.before
+        if axis.axis.odd:
+            share, before = [0.5, 1.0, 0.5], before + 1
+        elif overlapping:
+            share, before = [0.25, 0.75, 0.75, 0.25], before + 1
+        missing = [before, 2 * axis.length - 2 + len(share) - before - length, *missing]
+        shares.append(share)
+    values = pad(values, missing, value=beyond) if any(missing) else values
+    return values.unfold(-2, len(shares[0]), 2).unfold(-2, len(shares[1]), 2), shares
 
 
 def _two_farthest(held: Tensor, fraction: Tensor, alike: float) -> tuple[Tensor, Tensor]:
@@ -135,12 +141,8 @@ def least_of(signed_radius: Tensor, middle: tuple[Axis, Axis]) -> Tensor:
     `signed_radius`: [H, W] px; `middle`: the middle of the frame.
     """
     axes = [halves(n, axis) for n, axis in zip(signed_radius.shape, middle, strict=True)]
-    values = extended(signed_radius, axes[0], axes[1], torch.inf)
-    for dim, axis in enumerate(axes):
-        before, share = _shares(axis, overlapping=False)
-        around = (before, before) if dim else (0, 0, before, before)
-        values = pad(values, around, value=torch.inf).unfold(dim, len(share), 2).amin(-1)
-    return values
+    held, _ = _held(signed_radius, axes, torch.inf, overlapping=False)
+    return held.amin((-2, -1))
 
 
 # Bytes that a pixel takes while it is looked up.

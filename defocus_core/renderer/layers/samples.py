@@ -28,8 +28,6 @@ _MINIMUM = 1e-7
 # Samples of one pixel are of one surface if their radii differ by less than half of this step, in
 # px and as a share of the radius, and of two from the whole step on: no layer tells them apart.
 _NEAR, _FAR = 1.0, 0.1
-# Pixels of nearer samples that are compared with a sample at once; bounds memory.
-_PIXELS_AT_ONCE = 1 << 20
 # Share of a pixel up to which an opaque sample may leave it clear.
 _CLEAR = 0.01
 # Samples of a pixel up to which each is compared with all others.
@@ -207,15 +205,13 @@ class SampleStack(NamedTuple):
         """The share [L, h, w] of each sample that nearer samples of other surfaces hide."""
         radii, cover = self.signed_radius, self.color[:, -1]
         weights, first = [], 0
-        at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
         for k, radius in enumerate(radii):
             while k - first > _FEW_SAMPLES and bool((_separation(radius, radii[first]) > 1).all()):
                 first += 1  # another surface, and so it is for all samples farther than this one
             not_hidden = torch.ones_like(radius)
-            for start in range(first, k, at_once):
-                some = slice(start, min(start + at_once, k))
-                own = 1 - _separation(radius, radii[some]).clamp(0, 1)
-                not_hidden = not_hidden * (1 - cover[some] * own).prod(0)
+            for nearer, covered in zip(radii[first:k], cover[first:k], strict=True):
+                own = 1 - _separation(radius, nearer).clamp(0, 1)
+                not_hidden = not_hidden * (1 - covered * own)
             weights.append((not_hidden - self.through[k]).clamp(min=0))
         return torch.stack(weights)
 
@@ -231,10 +227,7 @@ class SampleStack(NamedTuple):
 
 
 def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
-    """How separate two radii in px are: 0 or less if of one surface, 1 or more if of two.
-
-    `radius`, `nearer`: [..., h, w]; `nearer` is the smaller one.
-    """
+    """Separation of radii [h, w] px: 0 or less within one surface, 1 or more between two."""
     step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
     return 2 * (radius - nearer) / step - 1
 

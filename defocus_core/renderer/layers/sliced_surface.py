@@ -329,10 +329,9 @@ class SlicedSurface:
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].light
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
-        bounds = _bounds(self._blocks[[slice_index]], self._own)
-        if bounds is None:
+        box = _bounds(self._blocks[[slice_index]], self._own)
+        if box is None:
             return result
-        box = _aligned(bounds, 1 << level, middle).grown(0, self._own)
         pixels = self.members(range(slice_index, slice_index + 1), box)[:, 0][None]
         if tilted and self._slopes is not None:
             pixels = torch.cat([pixels, pixels * self._unframed(box, self._slopes)[:, None]])
@@ -365,16 +364,3 @@ def _bounds(blocks: Tensor, box: Box) -> Box | None:
         for start, which in ((rows, down), (columns, across))
     )
     return Box.from_spans(*spans).grown(0, box)
-
-
-def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
-    """The least rectangle around `box` whose sides lie multiples of `step` px from the middle."""
-    limits = [
-        (
-            axis.middle + (start - axis.middle) // step * step,
-            axis.middle - (axis.middle - start - length) // step * step,
-        )
-        for start, length, axis in zip(box[:2], box[2:], middle, strict=True)
-    ]
-    (top, below), (left, beside) = limits
-    return Box(top, left, below - top, beside - left)

@@ -157,7 +157,7 @@ class Shifts:
         # as positions do, it begins between SHARP and SOFT
         begun = ((r.abs() - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
-        slopes = torch.stack([inner.crop(_slope(color, radius, dim)) for dim in dims])
+        slopes = torch.stack([inner.crop(slope_within(color, radius, dim, SAME)) for dim in dims])
         changes = slopes * (apparent - begun * r)
         first_mean, *means = (mean.view(-1, 1, 1, 1) for mean in self._centroids.unbind(1))
         moved: Tensor = first_mean * changes[0]
@@ -176,13 +176,13 @@ def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
     return stacked(values, like).view(-1, *[1] * (like.dim() - 1))
 
 
-def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
-    """The derivative [C, H, W] of colours along `dim` within the surface of each pixel.
+def slope_within(color: Tensor, signed_radius: Tensor, dim: int, below: float) -> Tensor:
+    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
 
-    It is the mean of the steps on both sides of a pixel; a step to another surface does not count.
+    A step to another surface, whose radius differs by `below` px or more, does not count.
     """
     n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
-    same = (signed_radius.detach().diff(dim=dim).abs() < SAME).to(color)
+    same = (signed_radius.detach().diff(dim=dim).abs() < below).to(color)
     steps, counts = (torch.nn.functional.pad(x, around) for x in (color.diff(dim=dim) * same, same))
     total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
     return total / count.clamp(min=1)
