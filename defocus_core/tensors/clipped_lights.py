@@ -132,7 +132,8 @@ class ClippedLights:
         blur = image.new_full(image.shape[-2:], _WIDEST)
         if signed_radius is not None:
             blur = signed_radius.detach().abs()
-        light, rest = _wide(image).tensor_split([count])
+        wide = image.to(torch.promote_types(image.dtype, torch.float32))
+        light, rest = wide.tensor_split([count])
         lit, self.count = _lit(light, blur, threshold, gain, minimum)
         self.added = torch.cat([lit, rest]).to(image.dtype)
 
@@ -322,10 +323,6 @@ def _length(blobs: _SmallBlobs) -> Tensor:
 def _interpolated(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
     """Limits interpolated between those of coloured blobs (share 0) and white blobs (share 1)."""
     return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
-
-
-def _wide(values: Tensor) -> Tensor:
-    return values.to(torch.promote_types(values.dtype, torch.float32))
 
 
 def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:

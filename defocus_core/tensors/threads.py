@@ -17,12 +17,8 @@ P = ParamSpec("P")
 
 
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
-    """Yield the result of `work` on each piece, in order, computed by `threads` threads.
-
-    Each thread has the torch modes of the calling thread.
-    """
-    is_alone = threads == 1 or len(pieces) < 2
-    return in_threads(work if is_alone else carried(work), pieces, threads)
+    """The results of work of torch on each piece, in order, `threads` pieces at a time."""
+    return in_threads(carried(work), pieces, threads)
 
 
 def in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:

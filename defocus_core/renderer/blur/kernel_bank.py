@@ -142,24 +142,22 @@ def blurred(
     """
     every = [slice(None)] if launches_cost(terms[0][0].device) else groups
     # on a CPU how many parts are computed together may change the last digits
-    blurred_parts = [_inverse(_sum_of_products(terms, group), window, box) for group in every]
+    blurred_parts = [_blurred_part(terms, group, window, box) for group in every]
     return blurred_parts[0] if len(every) == 1 else torch.cat(blurred_parts)
 
 
-def _inverse(spectra: Tensor, window: tuple[int, int], box: Box) -> Tensor:
-    """The inverse transform of spectra, cropped to a box; rows outside it are not transformed."""
-    rows = torch.fft.ifft(spectra, dim=-2)[..., box.top : box.top + box.height, :]
-    whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
-    return whole[..., box.left : box.left + box.width]
-
-
-def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
-    """The sum of spectra [C + 1, ...] times kernel spectra [M, 1, ...], for a group of m parts."""
+def _blurred_part(
+    terms: list[tuple[Tensor, Tensor]], group: slice, window: tuple[int, int], box: Box
+) -> Tensor:
+    """`blurred` for a group of parts."""
     (spectrum, kernel), *others = terms
     total = spectrum * kernel[group]
     for spectrum, kernel in others:
         total = total.addcmul_(spectrum, kernel[group])
-    return total
+    # along rows, only those in the box are transformed
+    rows = torch.fft.ifft(total, dim=-2)[..., box.top : box.top + box.height, :]
+    whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
+    return whole[..., box.left : box.left + box.width]
 
 
 # Mean number of slopes of a slice whose tilted kernels are cached.

@@ -84,11 +84,6 @@ _BEFORE = (1.513, 0.1513)
 _TOWARDS = 0.01
 
 
-def nearer_than(radius: Tensor) -> Tensor:
-    """The radii [n] px below which a surface is in front of lights of radii [n] px."""
-    return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
-
-
 class _Occluders:
     """Surfaces that may hide parts of lights."""
 
@@ -119,7 +114,8 @@ class _Occluders:
         columns [n, b] of lens points; `interpolated`: whether coverage beside edges is interpolated
         between pixels.
         """
-        limit = nearer_than(radius.detach())
+        own = radius.detach()
+        limit = own - (_BEFORE[1] * own.abs()).clamp(min=_BEFORE[0])
         covered = radius.new_zeros(len(at), lens[0].shape[1], lens[1].shape[1])
         farthest = float(limit.amax())
         for k, slice_radius in enumerate(self._radii):

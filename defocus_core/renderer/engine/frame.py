@@ -181,11 +181,6 @@ class SharedFrame:
         return 0.0 if aperture.image is None else ASIDE
 
     @property
-    def copies_in_focus(self) -> bool:
-        """Whether pixels in focus are copied, unless an exact number of slices is asked for."""
-        return self.settings.num_layers is None
-
-    @property
     def views(self) -> int:
         """The number of images: 1 (centre) or 3 (centre, left and right)."""
         return 3 if self.settings.left_right else 1

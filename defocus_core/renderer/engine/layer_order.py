@@ -76,16 +76,11 @@ class Filling:
         for number, shown in sorted(self._blur.tile_layers(index).items()):
             octave = self._octave_of_layer[number]
             octaves[octave] = octaves[octave] + shown.layer if octave in octaves else shown.layer
-        return {
-            octave: self._seen(index, octave, layer, sight) for octave, layer in octaves.items()
-        }
-
-    def _seen(self, index: int, octave: int, layer: Tensor, sight: Sight | None) -> Tensor:
-        """An octave at full resolution, multiplied by the share that the lens sees."""
-        if self.level:
-            tile, read = self._tiles[index], self._coarse_of[index]
-            layer = upsampled(layer, read, tile, self._axes, self.level)
-        return layer if sight is None else layer * sight.to_octave(octave)
+        tile, read = self._tiles[index], self._coarse_of[index]
+        for octave, layer in octaves.items():
+            whole = upsampled(layer, read, tile, self._axes, self.level) if self.level else layer
+            octaves[octave] = whole if sight is None else whole * sight.to_octave(octave)
+        return octaves
 
 
 def _whole(octaves: dict[int, Tensor]) -> Tensor:
@@ -137,7 +132,7 @@ def composite(
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     later = {first for _, first in order.ahead}
     for k in sorted({k for k in indices if k >= order.beyond} | later):
-        for octave in order.octaves_before(k):
+        for octave in (octave for octave, first in order.ahead if first == k):
             if aside is None:
                 fill(octave)
             elif octave > 0:

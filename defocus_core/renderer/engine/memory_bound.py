@@ -50,7 +50,7 @@ def _bound_of_torch(renderer: Renderer, threads: int) -> float:
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
     )
     if renderer.in_focus.layers is not None:
-        copies += _COPIES_OF_LAYER * renderer.in_focus.layers.number
+        copies += _COPIES_OF_LAYER * len(renderer.in_focus.layers.colors)
     region = max(grid.box.grown(frame.margin, frame.box).area for grid in grids) * sample * copies
     result = max(grid.box.area for grid in grids) * (channels * frame.views + 1) * size
     coarse = pixels * sample * frame.content.edges

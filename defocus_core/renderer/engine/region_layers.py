@@ -142,7 +142,8 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
     if frame.content.tilted:
         found = slopes(radius, frame.quality.min_slope)
         lean = None if found is None else inner.crop(found)
-    if frame.settings.left_right and frame.copies_in_focus:
+    # where the number of slices was asked for, pixels in focus are no copies
+    if frame.settings.left_right and frame.settings.num_layers is None:
         color, division = around.crop(first.color), frame.division
         halves = division.parts[division.pair]
         shifts = Shifts(color, radius, inner, frame.radii, division.aperture, halves)

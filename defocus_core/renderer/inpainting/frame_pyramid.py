@@ -64,7 +64,7 @@ def backdrop_of(
     """
     H, W = signed_radius.shape[-2:]
     dtype = dtype or pixels.dtype
-    minimum, maximum = limits or _limits_of(signed_radius)
+    minimum, maximum = limits or range_of(signed_radius.detach()).tolist()
     grain = grain_of(minimum, maximum)
     fine = axes((H, W))
     color, radius = pixels.to(dtype), signed_radius.to(dtype)
@@ -80,11 +80,6 @@ def backdrop_of(
     edges = coarse_edges(radius.detach(), _beside_edges(radius.detach()), grain, fine)
     reach = reach_of(edges, grain, maximum - minimum, fine)
     return Backdrop(half, adjacent, tables, reach, fine, (H, W), mixed)
-
-
-def _limits_of(signed_radius: Tensor) -> tuple[float, float]:
-    minimum, maximum = range_of(signed_radius.detach()).tolist()
-    return minimum, maximum
 
 
 def _half(

@@ -89,11 +89,6 @@ class Layered(NamedTuple):
         """Whether hidden surfaces are invented where no layer is known."""
         return self.deepest == 1 or not self.open
 
-    @property
-    def number(self) -> int:
-        """The number of layers."""
-        return self.colors.shape[0]
-
     def picture(self) -> Tensor:
         """The picture in focus [C + 1, H, W]: premultiplied colours, and alpha."""
         return self._read(lambda box: self.stack(box).flattened())

@@ -181,10 +181,6 @@ class CompositeOrder(NamedTuple):
     # each. Octaves that come before no visible layer are absent
     ahead: list[tuple[int, int]]
 
-    def octaves_before(self, number: int) -> list[int]:
-        """The hidden octaves that come directly before visible layer `number`."""
-        return [octave for octave, first in self.ahead if first == number]
-
 
 def octaves(radii: tuple[float, ...]) -> list[int]:
     """For each slice its octave: 0 if |r| < 2 px, 1 up to 4 px, ...; negative nearer than focus."""

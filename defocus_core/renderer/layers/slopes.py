@@ -80,17 +80,8 @@ def _limited(r: Tensor, dim: int) -> Tensor:
         return torch.zeros_like(r)
     n, step = r.shape[dim], r.diff(dim=dim)
     steps = torch.cat([step.narrow(dim, 0, 1), step, step.narrow(dim, -1, 1)], dim)
-    pairs = ((x.narrow(dim, 0, n), x.narrow(dim, 1, n)) for x in (steps, _weights(steps)))
-    return _mean(*pairs)
-
-
-def _weights(steps: Tensor) -> Tensor:
-    return torch.addcmul(sent(SMALL**2, steps), steps, steps)
-
-
-def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:
-    """The mean of two steps, each multiplied by the weight of the other step."""
-    (a, b), (a2, b2) = steps, weights
+    weights = torch.addcmul(sent(SMALL**2, steps), steps, steps)
+    (a, b), (a2, b2) = ((x.narrow(dim, 0, n), x.narrow(dim, 1, n)) for x in (steps, weights))
     return torch.addcmul(a * b2, b, a2) / (a2 + b2)
 
 
