@@ -250,7 +250,7 @@ def _settings_of_each(
 
 
 def _mattes(matte: Tensor, pictures: Tensor) -> Tensor:
-    """[B, H, W] coverages of subjects."""
+    """The coverages of subjects as [B, H, W], checked."""
     matte = numbers("matte", matte, torch.float32, pictures.device, "in [0, 1]")
     matte = maps_of("matte", matte, pictures).to(pictures.device)
     if not bool(((matte >= 0) & (matte <= 1)).all()):

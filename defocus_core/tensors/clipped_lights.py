@@ -173,7 +173,7 @@ def _lit(
 
 
 class _SmallBlobs(NamedTuple):
-    """The pixels of blobs that are brighter than a level, and small enough for lamps."""
+    """Pixels of blobs that are brighter than a level, and small enough to be lamps."""
 
     row: Tensor  # [n]
     column: Tensor  # [n]
@@ -275,7 +275,7 @@ def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
 
 
 def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
-    """The lamp of each blob [m] of pixels brighter than a level."""
+    """The estimated lamp of each of m blobs, whose pixels are brighter than `low`."""
     row, column, blob, many = blobs
     zeros, area = row.new_zeros(many).double(), torch.bincount(blob, minlength=many).double()
     white, blur = _step(frame.light[:, row, column].amin(0), *_HUE), frame.blur[row, column]
@@ -310,7 +310,7 @@ def _lamps(frame: _LightFrame, blobs: _SmallBlobs, low: float) -> _Lamps:
 
 
 def _length(blobs: _SmallBlobs) -> Tensor:
-    """The longer side of each blob [m], in px."""
+    """The longer side [m] of the bounding box of each blob, in px."""
     blank = blobs.blob.new_zeros(2, blobs.many)
     place, blob = torch.stack([blobs.row, blobs.column]), blobs.blob.expand(2, -1)
     first, last = (

@@ -17,7 +17,10 @@ P = ParamSpec("P")
 
 
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
-    """The results of work of torch on each piece, in order, `threads` pieces at a time."""
+    """Yield the result of `work` on each piece, in order, computed by `threads` threads.
+
+    Each thread has the torch modes of the calling thread.
+    """
     return in_threads(carried(work), pieces, threads)
 
 

@@ -226,7 +226,10 @@ class TransformWindow:
         return self.spectra[slice_index, leaning]
 
     def tilted(self, slopes: Mapping[int, tuple[float, float]]) -> dict[int, Tensor]:
-        """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
+        """The spectra [M, 1, ...] of the kernels of slices that are tilted planes, by slice.
+
+        `slopes`: for each slice, the slopes of its radius along x and y, in px per px.
+        """
         if self.requires_grad or len(self.planes) > _PLANES * len(self.slices):
             self.planes.clear()
         known = dict(self.planes)  # other threads may clear it

@@ -54,7 +54,12 @@ class Reduced:
         core: Box,
         middle: tuple[Axis, Axis],
     ) -> None:
-        """Blur the slices of a layer."""
+        """Blur the slices of a layer.
+
+        `slices`: for each slice of the surface, its number in `window`; `tilted`: the slices with
+        tilted surfaces; `groups`: parts that are computed at once; `core`: the region; `middle`:
+        the middle of the frame.
+        """
         self._level, margin = window.level, window.margin
         # coarse pixels are counted from the middle
         self._axes = middle, (middle[0]._replace(middle=0), middle[1]._replace(middle=0))
@@ -86,7 +91,7 @@ class Reduced:
         return upsampled(layer, read, box, self._axes, self._level, cubic=True)
 
     def _read_by(self, box: Box) -> Box:
-        """The coarse pixels that the pixels of a box are interpolated from: two on each side."""
+        """The coarse pixels that cubic interpolation in `box` reads, two on each side."""
         return coarse_read(box, *self._axes, self._level).enlarged(1)
 
 

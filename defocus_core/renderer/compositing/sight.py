@@ -210,7 +210,7 @@ def fraction_in_frame(
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
 
-    Returns [M, 1, h, w] in [0.01, 1].
+    `box`: where the pixels lie in the rectangle. Returns [M, 1, h, w] in [0.01, 1].
     """
     positions = (sent(torch.arange(s.first, s.end), signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel

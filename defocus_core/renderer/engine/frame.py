@@ -163,7 +163,7 @@ class SharedFrame:
         return Box(-rows, -columns, height + 2 * rows, width + 2 * columns)
 
     def is_inside(self, box: Box, bounds: Box) -> bool:
-        """Whether no light from beyond a larger rectangle reaches a rectangle."""
+        """Whether no light from outside of `bounds` reaches `box`."""
         return box == box.grown(0, bounds.enlarged(-self.farthest))
 
     @property
@@ -237,7 +237,10 @@ class RegionPlace(NamedTuple):
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
     def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor:
-        """The shares [m, 1, h, w] of parts that see the frame."""
+        """The shares [m, 1, h, w] of parts that see `bounds`.
+
+        `signed_radius`: [h, w] px, of the pixels of the tiles.
+        """
         frame, core = self.frame, self.grid.box
         aperture = frame.division.aperture
         seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]

@@ -194,7 +194,7 @@ def _slicing(
     layer_of: list[int],
     stride: int,
 ) -> Slicing:
-    """The slices of a surface at a resolution."""
+    """How the slices of a surface are blurred at a resolution."""
     level, spreads, _ = resolution
     scaled = tuple(r / (1 << level) for r in radii)
     side, region = (_halved(size, level) for size in (grid.tiles[0][2:], region))

@@ -154,7 +154,10 @@ def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
 def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | float:
-    """Means of `RegionPlace.fractions` over the visible samples of each pixel; 1 if all are 1."""
+    """The share [m, 1, h, w] of each part that sees `bounds`, or 1.0 if all shares are 1.
+
+    It is the mean of `RegionPlace.fractions` over the visible samples of each pixel.
+    """
     if place.frame.is_inside(place.grid.box, bounds):
         return 1.0
     first, *others = (layer.crop(place.core) for layer in seen.layers_of(VISIBLE))

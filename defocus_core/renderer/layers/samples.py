@@ -222,7 +222,10 @@ class SampleStack(NamedTuple):
 
 
 def _separation(radius: Tensor, nearer: Tensor) -> Tensor:
-    """Separation of radii [h, w] px: 0 or less within one surface, 1 or more between two."""
+    """How separate two radii in px are: 0 or less if of one surface, 1 or more if of two.
+
+    `radius`, `nearer`: [h, w]; `nearer` is the smaller one.
+    """
     step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
     return 2 * (radius - nearer) / step - 1
 

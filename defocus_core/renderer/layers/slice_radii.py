@@ -121,7 +121,7 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
 
 def _has_sharp(radii: tuple[float, ...]) -> bool:
     """Whether radii up to SHARP px count as in focus: if other slices are far from it."""
-    return 0.0 in radii and min(abs(r) for r in radii if r) >= 2 * SOFT
+    return 0.0 in radii and all(abs(r) >= 2 * SOFT for r in radii if r)
 
 
 @lru_cache(maxsize=32)

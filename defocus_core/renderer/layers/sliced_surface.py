@@ -33,7 +33,10 @@ def _margins(box: Box, around: Box) -> tuple[list[int], list[int]]:
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, H, W] of x and y, continued along the edges of a rectangle, 0 across them."""
+    """Slopes [2, H, W], x and y, padded to `box`.
+
+    They are repeated along the edges of the picture, and are 0 across the edges.
+    """
     across, down = _margins(Box(0, 0, *slopes.shape[-2:]), box)
     x = pad(pad(slopes[:1], [0, 0, *down], mode="replicate"), across)
     y = pad(pad(slopes[1:], across, mode="replicate"), [0, 0, *down])
@@ -261,7 +264,7 @@ class SlicedSurface:
         return _FramedLayer(light, framed, blocks_of(inner, count, exists, sharp).cpu())
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
-        """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
+        """Channels [n, ..., H, W], concatenated, with edges repeated and zeros around them."""
         across, down = _margins(self._given, self._own)
         whole = pad(torch.cat(channels), [*across, *down], mode="replicate")
         across, down = _margins(self._own, self._framed_box)

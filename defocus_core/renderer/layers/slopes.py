@@ -168,9 +168,10 @@ def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
 
 
 def slope_within(color: Tensor, signed_radius: Tensor, dim: int, below: float) -> Tensor:
-    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
+    """The derivative [C, H, W] of colours along `dim` within the surface of each pixel.
 
-    A step to another surface, whose radius differs by `below` px or more, does not count.
+    It is the mean of the steps on both sides of a pixel; a step to another surface, whose radius
+    differs by `below` px or more, does not count.
     """
     n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
     same = (signed_radius.detach().diff(dim=dim).abs() < below).to(color)
