@@ -61,17 +61,16 @@ def frame_of(
     `signed_radius`.
     """
     size = signed_radius.shape[-2], signed_radius.shape[-1]
-    edges = content.edges
     limits = content.limits if layered is None else layered.limits
     radii = _slice_radii(*limits, quality, settings)
     layer_indices = layer_numbers(radii, quality)
     exact = settings.num_layers is not None
     stride = 1 if exact else quality.hidden_stride
-    level = quality.hidden_level if edges and not exact else 0
+    level = quality.hidden_level if content.edges and not exact else 0
     border = border or border_range(signed_radius)
     inwards = 0  # reach in px of light from beyond the frame into it
     if exact or max(map(abs, border)) > SHARP:
-        for halvings, step in [(0, 1), (level, stride)] if edges else [(0, 1)]:
+        for halvings, step in [(0, 1), (level, stride)] if content.edges else [(0, 1)]:
             unbounded = _at_resolution(radii, quality, _ANY_PX, halvings).reaches
             inwards = max(inwards, _reach_of(border, radii, unbounded, step))
     # whole blocks, so that those of the frame stay where they are
