@@ -65,9 +65,9 @@ class Golden:
                 the path of a file. Integers of 8 and 16 bits are sRGB, other numbers linear.
             name: name of the golden, unique in the test file; by default that of the test. Slashes
                 make folders.
-            like: rules: ``render`` (the same program on another machine), ``encoder`` (a lossy
-                codec) or ``golden`` (the same program and machine). By default, no value may differ
-                by more than 1e-4, or by more than one step of its number type.
+            like: the rules: ``render`` for the same program on another machine, ``encoder`` for a
+                lossy codec, ``golden`` for the same program and machine. By default, no value may
+                differ by more than 1e-4, or by more than one step of its number type.
             bounds: limits by metric of ``defocus compare``, like ``psnr=45``; in names,
                 ``rel_rmse``, ``p999`` and ``hdr_psnr`` stand for rel-rmse, p99.9 and hdr-psnr.
         """
@@ -97,7 +97,7 @@ class Golden:
         pytest.fail(told, pytrace=False)
 
     def _place(self, name: str, suffix: str) -> Path:
-        """The path of a golden of this test below the folder, without following links.
+        """The path of a golden of this test below the folder of goldens; no link is followed.
 
         A name that is no path, that was checked before, or that another test uses is an error.
         """

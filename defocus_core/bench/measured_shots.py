@@ -1,4 +1,4 @@
-"""Error and cost of each quality and of a plain baseline on shots with known truth; their table.
+"""Table of the error and cost of each quality and of a plain baseline, on shots of a scene.
 
 The unit of cost is the time of one Fourier transform of the frame and its inverse, RGBA float32, on
 one thread. It is measured before and after each rendering: a busy machine slows both, so that the
@@ -63,8 +63,8 @@ def warm_up(device: str) -> str:
 def methods(qualities: Sequence[str], device: str) -> list[str]:
     """The names of the methods to measure: the baseline, then each quality.
 
-    The quality of compiled loops is followed by the same quality rendered by torch, if the compiled
-    loops are available.
+    The quality that compiled loops render, if they are available, is followed by the same quality
+    rendered by torch.
     """
     from defocus_core.renderer.compiled.carried import available
 

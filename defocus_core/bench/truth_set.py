@@ -1,4 +1,4 @@
-"""Sets of scenes with known truth, and their decoded shots.
+"""Sets of scenes with known truth, and the decoded pictures of their shots.
 
 Each directory ``SCENE`` of a set holds ``camera.json``, ``rgb.exr``, ``depth.exr`` and, for each
 shot of the camera, ``truth_<shot>.exr``, the true photograph of the scene by a thin lens.

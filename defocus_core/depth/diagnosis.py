@@ -86,7 +86,7 @@ def are_averaged(counts: list[float]) -> bool:
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor]:
     """Whether the middle of 7 values [m, 7] is on a narrow edge, and whether it is on a wide one.
 
-    Both are [m] bool. On an edge the values only rise or only fall, and level off at an end.
+    Both are [m] bool. On an edge the values only rise or only fall, and at least one end is level.
     """
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
@@ -294,7 +294,7 @@ def _edge_counts(
     """(number of pixels on soft edges, number of hard edges, median width of soft edges in px).
 
     Edges of radii [H, W] px, or of distance if there is a scale, count if they are steeper than
-    `steep` px per px. The number of pixels on soft edges is 0 if there are more hard edges.
+    `steep` px per px. The number of pixels on soft edges is 0 unless it exceeds that of hard edges.
     """
     soft = hard = 0
     widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)

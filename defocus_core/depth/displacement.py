@@ -120,13 +120,13 @@ def measured_shifts(
     soft: float | None = None,
     scale: DistanceScale | None = None,
 ) -> EdgeShifts | None:
-    """The displacements of the edges of a picture; None where edges are not displaced.
+    """The displacements of the edges of a picture; None if edges are not displaced.
 
     If edges have many pixels, a sample of them is examined. A hash of their surroundings chooses
     it, so that it does not depend on their position in the frame.
 
-    `soft`: least slope in px per px of soft edges, the least step of an edge; None for hard edges,
-    which are moved only if most have about the same displacement.
+    `soft`: least slope in px per px of soft edges, by which an edge must step at least; None if
+    edges are hard, which are moved only if most have about the same displacement.
     """
     step, radii, colors = least_step(signed_radius, soft), signed_radius.detach(), pixels.detach()
     edges = _edge_positions(radii, step, scale, threads)
@@ -157,7 +157,8 @@ def least_step(signed_radius: Tensor, soft: float | None) -> float:
 def shifts_of(found: ShiftEvidence, step: float) -> tuple[EdgeShifts, float]:
     """The displacements of a picture, and the share of votes within a px of their median.
 
-    The method is expectation-maximization: a pixel of little evidence votes as the others do.
+    Each silhouette pixel votes for a displacement, one of little evidence as the others do
+    (expectation-maximization).
 
     `step`: least step in px of an edge.
     """
@@ -392,7 +393,7 @@ def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
 def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
     """The rise in px from each pixel to the next along an axis, of radius or of distance.
 
-    With a scale, it is the rise of the two that is smaller in size.
+    With a scale, it is the smaller of both in size.
     """
     rise = radii.diff(dim=dim)
     if scale is None:

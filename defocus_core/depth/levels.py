@@ -119,7 +119,7 @@ def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
-    """Displacements [n] of a silhouette as a field [h, w]: means over 5×5 px, 0 elsewhere."""
+    """Displacements [n] of a silhouette as a field [h, w]: means over 5×5 px; 0 beyond."""
     both = shift.new_zeros(2, radii.numel(), dtype=torch.float32)
     number = silhouette.at[:, 0] * radii.shape[1] + silhouette.at[:, 1]
     both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()

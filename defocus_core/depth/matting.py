@@ -156,7 +156,7 @@ class _Squares(NamedTuple):
     def beyond_edge(self) -> Tensor:
         """Radii [n] in px of the other surface: the extremes within the inner 3×3 pixels.
 
-        They are the greatest radii if the middle is near, and else the least.
+        They are the greatest radii if the middle is of the nearer surface, and else the least.
         """
         nine = self.inner()
         return torch.where(self.is_near[self.middle], nine.amax((0, 1)), nine.amin((0, 1)))
@@ -318,7 +318,7 @@ def _closeness(like: Tensor, deviation: float) -> Tensor:
 def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
     """The nearer and the farther surface in squares, from their pixels that are not on the edge.
 
-    If all pixels of a surface are on an edge, as it is thin, they are weighted by how much their
+    If a surface is so thin that all its pixels are on an edge, they are weighted by how much their
     colour differs from the other surface.
     """
     weight, is_near = squares.weights(limit), squares.is_near

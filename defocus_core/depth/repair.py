@@ -61,8 +61,8 @@ def repair_depth(
         edge_width: As for `render`.
         decided: The repair to make, if it is already known; None to find it.
         matte: As for `render`.
-        reach: Px by which edges may be displaced; at least a hundredth of the longer side of the
-            picture.
+        reach: Px by which edges may be displaced, if that is more than a hundredth of the longer
+            side of the picture.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.

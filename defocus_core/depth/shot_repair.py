@@ -25,7 +25,7 @@ def agreed_repair(repairs: Sequence[DepthRepair]) -> DepthRepair:
 
 
 def _median(values: Sequence[Any], otherwise: Any) -> Any:
-    """The lower median of the values that are not None or False, if most are; else `otherwise`."""
+    """The lower median of values without None and False; `otherwise` unless most remain."""
     there = sorted(value for value in values if value is not None and value is not False)
     return there[(len(there) - 1) // 2] if 2 * len(there) > len(values) else otherwise
 

@@ -173,7 +173,7 @@ def focus(setting: LawSetting) -> list[float]:
 
 
 def occlusion(setting: LawSetting) -> list[float]:
-    """The changes of a card in focus before blur, and of the uniform ground around a card."""
+    """The changes of a card in focus before blurred waves, and of uniform ground around a card."""
     changes = []
     for plain in (False, True):
         for background_r in (3.0, 9.0):

@@ -93,8 +93,8 @@ def fit(
         disparity: [H, W], of any unit and offset, greater when nearer.
         blurred: [C, H, W], light like that of sharp; or (left, right) of a dual-pixel sensor.
         aperture: The pupil, a round one by default.
-        dual_pixel: The photodiodes of a pair, ideal halves by default.
-        crosstalk: Whether to find the crosstalk of a pair.
+        dual_pixel: The photodiodes behind (left, right), ideal halves by default.
+        crosstalk: Whether to find the crosstalk of these photodiodes.
         exposure: Whether to find a factor of light for each channel, and a falloff of light over
             the frame for each blurred picture.
         shift: Whether the blurred picture may be shifted by up to 16 px.
@@ -161,7 +161,7 @@ class Search:
     """The search for the values of the unknowns, a `Point`, that explain a pair of pictures."""
 
     def __init__(self, residual: Residual, pictures: Scale, free: list[int]) -> None:
-        """Set the pictures, and the indices in `Point` of the unknowns to find, first 0 and 1."""
+        """Set the pictures, and the unknowns: `free` are their indices in `Point`, first 0, 1."""
         self._residual, self._free, self._all = residual, free, pictures
         self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
 
@@ -337,9 +337,9 @@ def _scaled_probes(pictures: Scale) -> Tensor:
 def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
     """First steps of the free unknowns for finite differences: [P, P], a step in each row.
 
-    Both radii change together: the first row scales them; the second is orthogonal to it and widens
-    their range. Steps along both hardly depend on each other, whether the focus is within the range
-    of depth or not.
+    Both radii of the point change together: the first row scales them; the second is orthogonal to
+    the first and widens their range. Steps along both hardly depend on each other, whether the
+    focus is within the range of depth or not.
     """
     probes = torch.diag(_scaled_probes(pictures))
     far, near = point.far, point.near

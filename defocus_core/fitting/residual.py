@@ -58,7 +58,7 @@ class Residual:
         exposure: bool,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Set how to render; the infinity of the settings is a disparity as in `Scale`.
+        """Set how to render; `infinity` of the settings holds a disparity as in `Scale`, no radius.
 
         `exposure`, `progress`: as for `fit`.
         """
@@ -109,7 +109,7 @@ class Residual:
         """The blurred views of the sharp picture, and their trust [H, W].
 
         The views [V, C, H, W] are the centre alone, or centre, left and right. If light of the
-        sharp picture is clipped, a further channel holds its share.
+        sharp picture is clipped, a further channel holds the share of clipped light.
         """
         key = point.far, point.near, pictures
         if key in self._views:

@@ -2,7 +2,8 @@
 
 Colour is scene-linear and premultiplied by alpha. Depth is planar, in metres. What a file declares
 is returned with its numbers; options supply what it does not declare. `torch.from_numpy` makes
-tensors. Errors name the options of the command line: ‹depth-format› is ``format`` here.
+tensors. Errors name options as the command line does, in angle quotes: ‹depth-format› stands for
+the argument ``format``.
 """
 
 from __future__ import annotations
@@ -71,9 +72,10 @@ def read_color(
         view: Name of a view of an EXR file of several; None for its default one.
 
     Returns:
-        Its ``pixels``, float32 [H, W, C], scene-linear, premultiplied by alpha; the names of their
-        ``channels``, R G B or Y, then A if there is one; ``note``, how the samples were understood;
-        ``warnings``, declarations of the file that were not applied; ``attributes``, its metadata.
+        A `Color`: ``pixels``, float32 [H, W, C], scene-linear, premultiplied by alpha; the names
+        of their ``channels``, R G B or Y, then A if there is one; ``note``, how the samples were
+        understood; ``warnings``, declarations of the file that were not applied; ``attributes``,
+        the metadata of the file.
 
     Raises:
         InputError: The file cannot be read, or has no colour or several to choose from.
@@ -127,7 +129,7 @@ def read_depth(
             error, far (set to +inf) or fill (from the farther neighbour).
 
     Returns:
-        Its ``metres``, float32 [H, W], planar distance along the axis, where +inf is sky;
+        A `Depth`: ``metres``, float32 [H, W], planar distance along the axis, +inf for sky;
         ``invalid``, bool [H, W], where there is no depth; ``note``, how the file was understood;
         ``warnings``, what was assumed. If the format holds radii (``is_radius``), ``metres`` are
         signed radii of the blur in px.

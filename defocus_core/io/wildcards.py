@@ -56,9 +56,9 @@ def matching(
 
 
 def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
-    """Yield each file below a folder that matches the parts of a pattern, with its pieces.
+    """Yield each file below a folder that matches the parts of a pattern, with its texts.
 
-    There is a `_Piece` for each part with wildcards.
+    There is a `_Piece` of text for each part with wildcards.
     """
     part, rest = parts[0], parts[1:]
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
@@ -78,9 +78,9 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
 
 
 def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
-    """Yield (path, pieces, whether it is a folder) of the entries that match one part of a pattern.
+    """Yield (path, texts, whether it is a folder) of the entries that match one part of a pattern.
 
-    There is one `_Piece` if the part has wildcards. If it is the `last` part, pieces leave out the
+    There is one `_Piece` of text if the part has wildcards; in the `last` part it ends before the
     suffix.
     """
     if os.path.lexists(folder / part):  # brackets may belong to the name of an existing file
@@ -106,8 +106,8 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
 def _reversed_expression(part: str) -> str:
     """A regular expression that matches reversed names, with a group for each wildcard.
 
-    Each ``*`` matches as much as possible, the first before the others. In reversed names, each
-    ``*`` but the first matches as little as possible, without backtracking.
+    In names, each ``*`` matches as much as possible, the first before the others; so in reversed
+    names, each but the last matches as little as possible, without backtracking.
     """
     groups = {"?": "(.)", "[": "(.)", "*": "(.*)"}
     expression = ""

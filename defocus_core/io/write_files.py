@@ -223,7 +223,7 @@ def _leftover(path: Path) -> str:
 
 
 def left_in(folder: Path) -> Iterator[str]:
-    """Yield the names of siblings in a folder that were left by ended processes of this machine."""
+    """Yield the names of unfinished files in a folder that no other process here still writes."""
     with suppress(OSError):
         for name in Folder(folder).names():
             process = LEFTOVER.fullmatch(name)

@@ -57,7 +57,7 @@ class Aperture:
         rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image,
             for points beyond focus.
         psf_type: "pillbox", constant inside the outline as a lens is, or "gaussian",
-            exp(-d² / 2 r²) inside the outline.
+            exp(-|u|² / 2) inside the outline.
         curvature: Curvature of the blades' edges, 1 / radius in lens radii: 0 is straight, 1 is the
             disc.
         obstruction: Radius of an opaque disc in the middle, as a mirror lens has, 0 to 0.95 of the
@@ -171,7 +171,7 @@ class Aperture:
             size: Number of pixels on a side. The centre is at (size - 1) / 2 on both axes, for an
                 even size the corner between the four middle pixels.
             part: The part of the pupil to draw, turned with the pupil where radius < 0.
-            view: The rim that clips the pupil, as seen from one point of the frame for each radius;
+            view: The rim that clips the pupil, seen from one point of the frame for each radius;
                 None if nothing clips it.
 
         Returns:
@@ -350,7 +350,7 @@ def _mean_place(kernel: Tensor) -> tuple[Tensor, Tensor]:
 
 @lru_cache(maxsize=256)
 def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
-    """The share of the pupil's light that the photodiode of a part with a sensitivity gets."""
+    """The share of the pupil's light that a photodiode gets, whose sensitivity `part` holds."""
     r, size = torch.tensor(_SUMMED_RADIUS, dtype=torch.float64), 2 * int(_SUMMED_RADIUS) + 1
     corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
     seen = part.counted(corners / r, aperture.narrowing)

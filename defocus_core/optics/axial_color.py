@@ -14,10 +14,10 @@ def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
     """The px to add to a lens's signed radii for a colour that is focused at another distance.
 
     The image of a point lies at v' behind the lens; on a sensor at v its circle has the signed
-    diameter A (v - v') / v'. If the images of a colour lie farther behind the lens by a shift, its
-    signed diameters are smaller by A shift / v at any depth. Beyond focus its disc is smaller than
-    those of the other colours, which then tint the rim; nearer than focus it is larger and tints
-    the rim itself.
+    diameter A (v - v') / v', where A is the width of the aperture. If the images of a colour lie
+    farther behind the lens by a shift, its signed diameters are smaller by A shift / v at any
+    depth. Beyond focus its disc is smaller than those of the other colours, which then tint the
+    rim; nearer than focus it is larger and tints the rim itself.
 
     Args:
         lens: The lens, with its focus.

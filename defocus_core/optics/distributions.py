@@ -32,8 +32,8 @@ class Distribution:
 
     Attributes:
         kind: "uniform"; "loguniform", uniform in the logarithm; "disparity", uniform in 1/distance;
-            "percentile", a percentile of the depth, uniform from 0 to 100; or "choice", every value
-            equally likely.
+            "percentile", a percentile of the depth, uniform within 0 to 100; or "choice", every
+            value equally likely.
         values: The low and the high end of the range, or the values to choose from. Equal ends fix
             the value; the high end of "disparity" may be inf.
     """

@@ -1,10 +1,11 @@
 """The law of the thin lens, of numbers, arrays and tensors alike; lengths are in mm.
 
-With A = f / N and v = f s / (s - f):
+For the focal length f, the f-number N and the focus distance s, with A = f / N and
+v = f s / (s - f), the CoC at depth z is
 
-    c(z) = A v (1/s - 1/z)
+    c(z) = A v (1/s - 1/z).
 
-is signed (negative nearer than focus) and affine in disparity 1/z, in which nothing needs a clamp.
+It is negative nearer than focus, and affine in disparity 1/z, so that infinity needs no clamp.
 """
 
 from __future__ import annotations

@@ -213,7 +213,7 @@ def inradius(sides: int, curvature: float) -> float:
 
 
 def _upright(start: float, end: float) -> list[float]:
-    """Angles between `start` and `end` at which a circle is vertical.
+    """Angles between `start` and `end` at which the tangent of a circle is vertical.
 
     Between two of them, the arc has one height at each x.
     """
@@ -245,9 +245,9 @@ _DARK = 1e-3
 class PupilImage(Outline):
     """A picture of the pupil as points beyond focus show it: x to the right, y down.
 
-    Its centroid is the middle of the lens. The radius of the lens is the greatest distance along an
-    axis from there to the border of a bright pixel. Pixels are squares of constant transmission, so
-    that areas are exact. Instances with equal pictures are equal.
+    Its centroid is the middle of the lens. The radius of the lens is half the side of the
+    smallest square around it that holds all bright pixels. Pixels are squares of constant
+    transmission, so that areas are exact. Instances with equal pictures are equal.
     """
 
     def __init__(self, transmission: Tensor) -> None:
@@ -284,7 +284,7 @@ class PupilImage(Outline):
         self._radius = self.reach(self._middle)
 
     def reach(self, middle: tuple[float, float]) -> float:
-        """The greatest distance in px along an axis from `middle` to a bright pixel's border."""
+        """Half the side in px of the least square around `middle` that holds all bright pixels."""
         return max(
             max(at - int(bright[0]), int(bright[-1]) + 1 - at)
             for at, bright in zip(middle, self._bright, strict=True)

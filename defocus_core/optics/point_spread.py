@@ -47,7 +47,7 @@ class PsfLens(ThinLens):
             wvln: Wavelength, as other lenses of DeepLens take it; the blur has no colour, so it is
                 not used.
             ks: Kernel size in px, odd or even.
-            psf_type: "gaussian", exp(-d² / 2r²) inside the disc, or "pillbox".
+            psf_type: "pillbox", or "gaussian", exp(-d² / 2r²) at distance d in a disc of radius r.
             strict: Whether a CoC wider than ks is an error.
 
         Returns:
@@ -151,7 +151,7 @@ class PsfLens(ThinLens):
         return left.repeat(times), right.repeat(times)
 
     def _radii(self, points: Tensor, ks: int, strict: bool) -> tuple[Tensor, int]:
-        """The signed radii in px of points, within ±1000 ks, and ks as a checked whole number.
+        """The signed radii in px of points, clamped to ±1000 ks, and ks as a checked whole number.
 
         A blur wider than ks is an error if `strict` is set, else a warning.
         """

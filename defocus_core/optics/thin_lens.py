@@ -102,7 +102,7 @@ class ThinLens:
         fnum: F-number N; the aperture is f / N across.
         sensor_size: Sensor (width, height) in mm.
         sensor_res: Sensor (width, height) in px. A smaller image is a crop at the same pitch.
-        foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
+        foc_dist: Minus the focus distance s in mm; set by `refocus`, -20000 or -inf at first.
         d_far: Farther depths have the CoC of this one, in mm; -inf for no limit.
         d_close: Nearer depths have the CoC of this one, in mm; 0 for no limit.
         sharp_range: (nearest, farthest) distance in mm of a range that is given a CoC of 0; None
@@ -261,7 +261,7 @@ class ThinLens:
 
     @property
     def foc_dist(self) -> Scalar:
-        """The focus -s in mm; not cached, as each backward pass to a tensor needs a new graph."""
+        """Minus the focus distance in mm; not cached, as each backward pass needs a new graph."""
         return -(self._focus.abs() if isinstance(self._focus, Tensor) else abs(self._focus))
 
     @foc_dist.setter
@@ -302,7 +302,7 @@ class ThinLens:
         return (per_disparity / s / (2 * self.pixel_size)).detach()
 
     def _terms(self, like: Tensor) -> tuple[Tensor, Tensor]:
-        """A v in mm² and s in mm, 0-dimensional or [B, 1, …], with dtype and device of `like`."""
+        """A v in mm² and s in mm of the law, 0-dimensional or [B, 1, …], typed as `like`."""
         s = self._parameter("foc_dist", like).abs()
         foclen, fnum = (self._parameter(name, like) for name in ("foclen", "fnum"))
         return coc_per_disparity(foclen, fnum, s), s

@@ -70,7 +70,7 @@ def may_have_gpu() -> bool:
 
 
 class _TorchThreads:
-    """The number of threads that torch had when it was first set to render; None before that."""
+    """The number of torch's threads before the first `set_to_render`; None until then."""
 
     threads: int | None = None
 

@@ -79,7 +79,7 @@ _LOGGER = getLogger("defocus_core")
 
 
 def note(line: str) -> None:
-    """Log a line for the user as a warning, which Python prints on stderr without a handler."""
+    """Log a line for the user as a warning, which goes to stderr if no log handler is set."""
     _LOGGER.warning("%s", line)
 
 

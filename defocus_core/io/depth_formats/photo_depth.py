@@ -115,7 +115,7 @@ def matte_inside(path: Path) -> NDArray[np.uint8] | None:
 
 
 def _decoded(path: Path, data: bytes, words: str) -> NDArray[Any]:
-    """The numbers [H, W] of an image inside a photograph, turned upright with it."""
+    """The numbers [H, W] of an image in a photograph, turned upright with it; `words` name it."""
     try:
         with _unpack(data) as image:
             values = read_samples(image)[:, :, 0]

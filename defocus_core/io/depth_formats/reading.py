@@ -77,7 +77,7 @@ class DepthReading:
 
     @property
     def row(self) -> DepthFormat:
-        """The row of the named format; if none is named, that of ``metres`` or ``disparity``."""
+        """The named format; without a name, ``disparity`` or ``metres`` by ``depth_kind``."""
         if self.depth_format is not None:
             return NAMES[self.depth_format]
         return FORMATS["disparity" if self.depth_kind == "disparity" else "metres"]

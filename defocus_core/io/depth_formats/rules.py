@@ -1,7 +1,7 @@
 """Rules by which numbers become depth: the options that each takes, and its formula.
 
-A row of the table names a rule; its sidecar and the user's options complete the row. From numbers v
-come:
+A format (a row of the table) names a rule; a sidecar and the user's options complete the format.
+From numbers v come:
   scale      depth  scale · v + shift
   inverse    depth  1 / (scale · v + shift), v a disparity in px of two cameras
   per-metre  depth  1 / (scale · v + shift), v a disparity in 1 / m
@@ -85,7 +85,7 @@ def resolved(
 
 
 def _ruled(reading: DepthReading, row: DepthFormat) -> DepthFormat:
-    """The row with a rule: that of the format, or the one that ``depth_kind`` names."""
+    """The format `row` with its rule, or if it has none, with that of the ``depth_kind``."""
     kind = reading.depth_kind
     if not row.rule:
         if kind is None:
@@ -130,7 +130,7 @@ def _ask(reading: DepthReading, row: DepthFormat, option: str, value: str) -> No
 
 
 def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """The row with scale and shift by `depth_range`; numbers are linear in depth or disparity."""
+    """The format `row` with the scale and the shift that follow from the ``depth_range``."""
     assert reading.depth_range is not None
     near, far = (end / MM_PER_M for end in reading.depth_range)
     if near == far:
@@ -170,7 +170,7 @@ def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]
 
 
 def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """The row of depth with its scale set by the options for unit and scale."""
+    """The format `row` of depth, its scale multiplied by ``depth_unit`` and ``depth_scale``."""
     if "depth-range" in row.needs:
         _ask(reading, row, "depth-range", "NEAR FAR, like 1m 20m")
     if "depth-scale" in row.needs and reading.depth_scale is None:
@@ -196,7 +196,10 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
 
 
 def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
-    """The row of disparity in px with its scale set by focal length and baseline, or by a scale."""
+    """The format `row`, which holds disparity in px, with the scale and the shift of its cameras.
+
+    Without cameras, they are ``depth_scale`` and ``doffs``.
+    """
     scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
     if "depth-range" in row.needs and reading.depth_scale is None:
         remedy = "NEAR FAR, like 1m 20m; or ‹depth-scale› and ‹doffs›, as 1/z = scale v + doffs"

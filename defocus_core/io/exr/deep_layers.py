@@ -8,8 +8,8 @@ absorbs (P. Hillman, The Theory of OpenEXR Deep Samples; F. Kainz, Interpreting 
 2013).
 
 Where a pixel has more samples than there may be layers, samples close to each other in 1 / distance
-are merged, as blur is linear in 1 / distance. Each merged sample is weighted by the share of its
-light that nearer samples of its group let through.
+are merged, as blur is linear in 1 / distance. The merged sample is their sum, each times the share
+of its light that the nearer ones of them let through.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def deep_layers(
 def _fractions(samples: DeepSamples) -> NDArray[Any]:
     """The share [N] of each sample's light that nearer samples let through: a product of 1 - alpha.
 
-    It takes as many rounds as log2 of the samples of the fullest pixel, which may have a million.
+    It takes log2 n rounds if the fullest pixel has n samples, which may be a million.
     """
     through, index = (1 - samples.values[ALPHA]).astype(np.float64), np.arange(len(samples.rank))
     step = 1

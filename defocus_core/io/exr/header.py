@@ -105,7 +105,7 @@ class Header:
 
     @cached_property
     def folded_names(self) -> frozenset[str]:
-        """The plain names of its channels in lower case."""
+        """The names of the channels in lower case, without the names of views."""
         return frozenset(channel.plain.lower() for channel in self.channels)
 
     @property

@@ -174,7 +174,7 @@ def color_space(spec: Any) -> ColorSpace:
 
 
 def _declared(spec: Any, kind: str) -> tuple[float | None, str]:
-    """The exponent that a file declares or its type implies, and a colour space not applied.
+    """The exponent that a file declares or its type implies, and the colour space not applied.
 
     The exponent is 1 for linear, None for sRGB; the space is in words, empty if none. `kind`: the
     type of the samples.

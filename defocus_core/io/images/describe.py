@@ -45,7 +45,7 @@ class FileInfo:
 
     @property
     def numbers(self) -> int:
-        """The greatest number of samples, in all channels together, that is read."""
+        """The number of samples in all channels, if each were as large as the largest part."""
         return self.pixels * len(self.names)
 
     @property
@@ -103,7 +103,7 @@ def _part(
     deep: bool = False,
     whole: bool = True,
 ) -> Header:
-    """A page or an array described as an EXR part; `channels`: (name, type) of each."""
+    """A page or an array as an EXR part; `channels`: name and type; others: as in `Header`."""
     frame = Window(0, 0, width - 1, height - 1)
     named = tuple(Channel(name, kind, name) for name, kind in channels)
     return Header(index, "", named, frame, frame, deep=deep, whole=whole)

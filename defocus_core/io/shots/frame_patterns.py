@@ -46,7 +46,7 @@ def is_pattern(path: Path) -> bool:
 
 
 def _with_hashes(path: Path) -> Path:
-    """A frame pattern with $F and @ replaced by as many # characters."""
+    """A frame pattern with # in place of $F and @, one for each digit."""
 
     def hashes(found: re.Match[str]) -> str:
         return "#" * (int(found[1] or 1) if found[0][0] == "$" else len(found[0]))

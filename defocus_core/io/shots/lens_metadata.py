@@ -42,7 +42,7 @@ def _same(value: float, _: Numbers) -> float:
 
 
 def _equivalent(value: float, numbers: Numbers) -> float:
-    """The sensor width in mm, given the focal length equivalent on 35 mm film, `value`."""
+    """The width in mm of a sensor, given the equivalent focal length on 35 mm film, `value`."""
     foclen, width, height = (numbers.get(n, 0.0) for n in ("Exif:FocalLength", "width", "height"))
     if not (foclen > 0 and value > 0 and width > 0):
         return math.nan
@@ -92,7 +92,7 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
 
 
 def _numbers(path: Path) -> dict[str, float]:
-    """The numeric metadata of a file by name, with the size in px or the sensor's columns."""
+    """The numeric metadata of a file by name; also the columns of an EXR's sensor, or the size."""
     if not is_exr(read_head(path)):
         page = read_pages(path)[0]
         said = {n: tag.value for n, tag in page.tags.items() if isinstance(tag.value, int | float)}
