@@ -1,4 +1,4 @@
-"""Table of the error and cost of each quality and of a plain baseline, on shots of a scene.
+"""Table of the error and cost of each quality and of a plain baseline, on shots of scenes.
 
 The unit of cost is the time of one Fourier transform of the frame and its inverse, RGBA float32, on
 one thread. It is measured before and after each rendering: a busy machine slows both, so that the

@@ -91,7 +91,7 @@ class MixedPixels(NamedTuple):
 
     @classmethod
     def concatenate(cls, parts: Sequence[MixedPixels]) -> MixedPixels:
-        """The pixels of all parts, in their order."""
+        """The pixels of several sets as one set, in their order."""
         return cls(torch.cat([part.at for part in parts]), torch.cat([p.values for p in parts], 1))
 
 

@@ -139,7 +139,7 @@ LEAST, MOST = off_round(0.2), off_round(1.0)
 def steps_of(sizes: list[Tensor]) -> Tensor:
     """Counts [2, 4] of the steps down and across: all, zero, at most LEAST px, at most MOST px.
 
-    `sizes`: sizes in px of the steps from each pixel of a part of a frame to the next, down and
+    `sizes`: sizes in px of the steps from each pixel of a band of a frame to the next, down and
     across.
     """
     larger = [

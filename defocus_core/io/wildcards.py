@@ -23,7 +23,7 @@ def has_wildcard(pattern: str | Path) -> bool:
 
 
 def texts_before(pattern: str | Path) -> list[str]:
-    """The literal text before each wildcard of a pattern, within its component of the path."""
+    """The literal text before each wildcard of a pattern, back to a slash or another wildcard."""
     return [text for part in Path(pattern).parts for text in _WILDCARD.split(part)[:-1:2]]
 
 
@@ -56,9 +56,9 @@ def matching(
 
 
 def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
-    """Yield each file below a folder that matches the parts of a pattern, with its texts.
+    """Yield each file below a folder that matches the components of a path, with its texts.
 
-    There is a `_Piece` of text for each part with wildcards.
+    There is a `_Piece` of text for each component with wildcards.
     """
     part, rest = parts[0], parts[1:]
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
@@ -78,10 +78,10 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
 
 
 def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
-    """Yield (path, texts, whether it is a folder) of the entries that match one part of a pattern.
+    """Yield (path, texts, whether it is a folder) of the entries that match a path component.
 
-    There is one `_Piece` of text if the part has wildcards; in the `last` part it ends before the
-    suffix.
+    There is one `_Piece` of text if the component has wildcards; in the `last` component it ends
+    before the suffix.
     """
     if os.path.lexists(folder / part):  # brackets may belong to the name of an existing file
         yield folder / part, [], (folder / part).is_dir()

@@ -1,7 +1,7 @@
 """Cat's eyes: the rim of the barrel clips the pupil, more so farther from the middle of the frame.
 
 Light for the border of the frame passes the barrel obliquely, so that the rim and the pupil are not
-aligned. The part of the pupil that stays open has the shape of a cat's eye.
+aligned. What stays open of the pupil has the shape of a cat's eye.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Headers of OpenEXR files, read without trust and before any pixel is allocated.
+"""Headers of OpenEXR files, checked before any pixel is allocated.
 
 They are read without a library, because none returns an attribute as it is in the file: OpenEXR's
 binding for Python refuses text that is not UTF-8, and OpenImageIO converts attributes to its own.

@@ -3,7 +3,7 @@
 OpenEXR's standard attributes (openexr.com, "Standard Attributes") are ``focus`` in metres, infinity
 allowed; ``aperture``, the f-number, or else ``tStop``; focal lengths in mm; the pitch of the
 photosites in micrometres and the rectangle of them that was read. V-Ray's ``camera…`` are in mm,
-but its target distance is in the unit of its scene and of its depth.
+but the target distance is in the unit of the scene and of its depth.
 """
 
 from __future__ import annotations
