@@ -40,7 +40,7 @@ def clipped(image: Tensor) -> Tensor:
     """Mask [1, H, W], 1 or 0, of the clipped pixels of a picture [C, H, W].
 
     Clipped pixels are at the maximum of a picture that nowhere exceeds 1. In a picture without
-    clipped light the mask has only one or two.
+    clipped light the mask has only one or two pixels.
     """
     top = float(image.max()) if float(image.max()) <= _ENDLESS else torch.inf
     return (image.amax(0, keepdim=True) >= _END * top).to(image)

@@ -138,7 +138,7 @@ class Residual:
 def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
     """The factor [V, 1, H, W] of each view over the frame, a polynomial of yⁱ xʲ, i + j ≤ 4.
 
-    It is fitted so that `light` becomes `observed`, with the weights `common`.
+    It is fitted so that `light` times it becomes `observed`, with the weights `common`.
     """
     size = [min(_CELLS, side) for side in light.shape[2:]]
     squares, products = (

@@ -43,11 +43,11 @@ class Rim(NamedTuple):
         """The share of the pupil's area in each pixel that the rim leaves open.
 
         Where the borders of pupil and rim cut the same pixel, their overlap is computed as if both
-        were straight lines through the middle of the pixel: the smaller area if they are parallel,
-        the product of the areas if they cross at right angles.
+        were straight lines through the middle of the pixel: the smaller area if they are parallel
+        and open to the same side, the product of the areas if they cross at right angles.
 
         Args:
-            areas: Area of the pupil in each pixel, [..., m - 1, n - 1]; inf for a full pixel.
+            areas: Area of the pupil in each pixel, [..., m - 1, n - 1]; inf counts as full.
             x: Lens coordinates of the pixels' vertical sides, [..., n].
             y: Lens coordinates of the pixels' horizontal sides, [..., m].
             narrowing: As `Aperture.narrowing`.

@@ -64,7 +64,7 @@ def sharp_original(path: Path) -> Iterator[Path]:
 
 
 def read_heic(path: Path) -> DepthNumbers:
-    """The depth image of a HEIC photograph; metadata: d_min, d_max and representation_type."""
+    """The depth image of a HEIC photograph, and as metadata what it says of its range."""
     file = open_heic(path)
     with decoding(path, HEIC_DAMAGE), quiet():
         images = file.info.get("depth_images") or []

@@ -287,9 +287,9 @@ RULES = {
 def decoded(
     numbers: NDArray[Any], row: DepthFormat, overscan: Overscan = NO_OVERSCAN
 ) -> NDArray[np.float32]:
-    """Planar metres [H, W] of numbers by a completed row: +inf is sky; NaN, 0 and less are invalid.
+    """Planar metres [H, W] of numbers by the format `row`, which options have completed.
 
-    A row of radii gives signed radii in px instead.
+    +inf is sky; NaN, 0 and less are invalid. A format of radii gives signed radii in px instead.
     """
     is_disparity = RULES[row.rule].holds == "disparity"
     with np.errstate(over="ignore", divide="ignore"):  # a double beyond float32 is sky

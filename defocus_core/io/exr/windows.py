@@ -57,7 +57,7 @@ class Window(NamedTuple):
     def overscan(self, display: Window, *, whole: bool = False) -> Overscan:
         """The pixels of this window beyond a display window.
 
-        On each side they are at most the longer side of the display window in number, unless `whole`.
+        Unless `whole`, they reach at most as far on each side as the display window is high or wide.
         """
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
