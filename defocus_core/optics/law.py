@@ -1,4 +1,4 @@
-"""The law of the thin lens, of numbers, arrays and tensors alike; lengths are in mm.
+"""The law of the thin lens, for numbers, arrays and tensors alike; lengths are in mm.
 
 For the focal length f, the f-number N and the focus distance s, with A = f / N and
 v = f s / (s - f), the CoC at depth z is

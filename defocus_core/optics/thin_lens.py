@@ -302,7 +302,7 @@ class ThinLens:
         return (per_disparity / s / (2 * self.pixel_size)).detach()
 
     def _terms(self, like: Tensor) -> tuple[Tensor, Tensor]:
-        """A v in mm² and s in mm of the law, 0-dimensional or [B, 1, …], typed as `like`."""
+        """The law's A v in mm² and s in mm, [] or [B, 1, …], with dtype and device of `like`."""
         s = self._parameter("foc_dist", like).abs()
         foclen, fnum = (self._parameter(name, like) for name in ("foclen", "fnum"))
         return coc_per_disparity(foclen, fnum, s), s

@@ -8,8 +8,8 @@ absorbs (P. Hillman, The Theory of OpenEXR Deep Samples; F. Kainz, Interpreting 
 2013).
 
 Where a pixel has more samples than there may be layers, samples close to each other in 1 / distance
-are merged, as blur is linear in 1 / distance. Their light is added, of each sample the share that
-the nearer ones of them let through.
+are merged, as blur is linear in 1 / distance. The light of each is weighted by the share that the
+nearer ones of them let through, and added.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class Window(NamedTuple):
     def overscan(self, display: Window, *, whole: bool = False) -> Overscan:
         """The pixels of this window beyond a display window.
 
-        Unless `whole`, they reach at most as far on each side as the display window is high or wide.
+        Unless `whole`, no side has more of them than the longer side of the display window is long.
         """
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
