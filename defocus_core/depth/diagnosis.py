@@ -47,8 +47,8 @@ def averages(band: Tensor, rows: tuple[int, int]) -> Tensor:
     """Counts [3] of averages on narrow edges, of pixels on wide edges, and of hard steps.
 
     An average is a pixel of an edge with the mean depth of both surfaces. Edges along both axes
-    count. `band`: [h, W] px, the counted rows and up to three rows of the frame above and below;
-    `rows`: (first, end) of the counted rows in the band.
+    count; 3 px span most of a narrow one. `band`: [h, W] px, the counted rows and up to three rows
+    of the frame above and below; `rows`: (first, end) of the counted rows in the band.
     """
     radii = _runs(band, rows, slice(0, 2 * _BESIDE + 1, 2 * _BESIDE), 2 * _BESIDE + 1)
     before, step, after = _runs(band, rows, slice(1, 3), 4).diff(dim=1).abs().unbind(1)

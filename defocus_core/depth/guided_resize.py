@@ -1,7 +1,7 @@
 """Depth of another size than its picture, enlarged with edges where the colours change.
 
-Disparity is interpolated linearly between the pixels of the given depth, the coarse pixels, and
-hard edges stay hard; then edges are repaired as those of any estimated depth.
+Disparity is interpolated linearly between coarse pixels, those of the given depth, but hard edges
+stay hard. Then edges are repaired as those of any estimated depth.
 """
 
 from __future__ import annotations

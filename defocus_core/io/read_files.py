@@ -168,7 +168,7 @@ def missing(path: Path, what: str = "file") -> InputError:
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
-    """Refuse an image whose header claims more pixels than it can hold, before allocation.
+    """Refuse an image whose header claims more pixels than the file can hold, before allocation.
 
     `pixel_bytes`: decoded bytes of a pixel.
     """

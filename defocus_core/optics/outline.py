@@ -1,4 +1,4 @@
-"""Outlines of the pupil: disc, polygon, curved blades, obstructed, squeezed, or a picture of it.
+"""Outlines of the pupil: disc, polygon or picture; obstructed or squeezed.
 
 An outline lies in the unit disc of lens points and gives G(x, y), its area left of x and above y;
 differences of G over corners are exact areas of rectangles.

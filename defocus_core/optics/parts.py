@@ -1,7 +1,7 @@
 """Parts of the pupil: halves, quarters, sixteenths, and the part that a photodiode sees.
 
 Kernels measured for the left and the right photodiodes give their sensitivities: at each lens point
-the left kernel divided by the sum of both; where neither has light, this ratio of the light around.
+the left kernel divided by the sum of both; where neither has light, the ratio of light around it.
 Measured kernels end softly, amid noise: the border of the lens is where their light falls to half
 of its maximum, and faint light is ignored.
 """
@@ -222,7 +222,7 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage]:
 
 
 def _fill(part: Tensor, whole: Tensor) -> Tensor:
-    """The ratio part / whole [H, W]; in the dark, the ratio of sums around the pixel."""
+    """The ratio part / whole [H, W]; where the whole is dark, that of sums around the pixel."""
     fraction, known, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)
     while not bool(known.all()):

@@ -1,6 +1,6 @@
 """Depth maps decoded to planar metres, with sky at infinity.
 
-The meaning of a file's numbers is given by a row of `table` or by the user.
+The meaning of a file's numbers is given by a format of `table` or by the user.
 """
 
 from __future__ import annotations

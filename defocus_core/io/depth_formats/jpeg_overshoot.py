@@ -1,8 +1,8 @@
-"""Overshoot of JPEG beside edges of depth: numbers beyond those of both surfaces.
+"""Overshoot of JPEG at edges of depth: numbers outside the range of the two surfaces.
 
 JPEG codes blocks of 8×8 px. In a block with an edge the numbers oscillate about those of its two
-surfaces. Pixels with numbers beyond those would be drawn sharp around a blurred face, or blurred
-around a sharp one.
+surfaces. Pixels outside this range would be drawn sharp around a blurred face, or blurred around
+a sharp one.
 """
 
 from __future__ import annotations

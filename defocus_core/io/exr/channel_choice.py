@@ -230,8 +230,8 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
     """The headers, restricted to the channels of one view and those of no view.
 
-    `view`: the name of the view; None for the default one. It is removed from the `plain` names of
-    the channels.
+    `view`: the name of the view, or None for the default one. The `plain` names of the channels
+    lose the name of the view.
     """
     views = views_of(headers)
     if not views or (view is None and len(views) == 1):
@@ -255,7 +255,7 @@ def require_view(paths: Sequence[Path], view: str | None) -> None:
 
 
 def default_warning(headers: Sequence[Header], view: str | None) -> tuple[str, ...]:
-    """A tuple with a warning if a file has several views and `view` names none; else empty."""
+    """A tuple with a warning if a file has several views but `view` is None; else empty."""
     views = views_of(headers)
     if view is not None or len(views) < 2:
         return ()

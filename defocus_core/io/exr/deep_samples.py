@@ -1,7 +1,7 @@
 """Samples of a deep OpenEXR part, nearest first in each pixel.
 
-A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
-and so its blur is the mean of their blurs.
+A sample with a ZBack beyond its Z fills a volume: its depth is the middle of these in 1 / distance,
+so that its blur is the mean of the blurs at both ends.
 
 The file is read without OpenImageIO, which gives samples to Python one by one, 5 µs each, and
 allocates what a file promises before it can be counted. A chunk: the samples of a row, or of the

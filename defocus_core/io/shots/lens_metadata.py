@@ -92,7 +92,10 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
 
 
 def _numbers(path: Path) -> dict[str, float]:
-    """The numeric metadata of a file by name; also the columns of an EXR's sensor, or the size."""
+    """The numeric metadata of a file by name.
+
+    For EXR, ``columns`` counts the photosites in a row; other files have ``width`` and ``height``.
+    """
     if not is_exr(read_head(path)):
         page = read_pages(path)[0]
         said = {n: tag.value for n, tag in page.tags.items() if isinstance(tag.value, int | float)}
