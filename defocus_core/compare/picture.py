@@ -45,7 +45,6 @@ _NUMBERS = {
     **dict.fromkeys(("double", "v2d", "v3d", "m33d", "m44d"), "d"),
     **dict.fromkeys(("int", "v2i", "v3i", "box2i", "rational"), "i"),
 }
-_BEFORE_PIXELS = 1 << 12  # bytes of a PNG, in which an animation says that it is one
 _LONGEST = 80  # characters of a metadata value that are shown
 
 
@@ -92,10 +91,6 @@ def _refuse_damaged_png(path: Path) -> None:
     """Raise an error for a PNG with damaged chunks, some of which decoders skip."""
     data = memoryview(path.read_bytes())
     at, kind = len(_PNG), b""
-    if b"acTL" in data[:_BEFORE_PIXELS].tobytes():
-        problem = "is an animated PNG, of which only the first frame is read"
-        remedy = "save its frames as files"
-        raise InputError("unsupported", problem, remedy, path=path)
     while at < len(data) and kind != b"IEND":
         size, kind = int.from_bytes(data[at : at + 4], "big"), bytes(data[at + 4 : at + 8])
         end = at + 8 + size

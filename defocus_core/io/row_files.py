@@ -87,10 +87,16 @@ def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
             continue
         place, remedy = Place(file, f"line {number}"), f"write it like {example}"
         try:
-            row = json.loads(text)
+            row = json.loads(text, object_pairs_hook=_without_duplicates)
         except (ValueError, RecursionError) as error:
-            problem = f"is not JSON: {reason(error)}"
+            problem = f"is not a row of JSON: {reason(error)}"
             raise InputError("malformed", problem, remedy, path=place) from None
         if not isinstance(row, dict):
             raise InputError("malformed", "is not a JSON object", remedy, path=place)
         yield place, {key: value for key, value in row.items() if value not in (None, "")}
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if twice := [key for key, times in Counter(key for key, _ in pairs).items() if times > 1]:
+        raise ValueError(f"'{twice[0]}' stands in it twice")
+    return dict(pairs)

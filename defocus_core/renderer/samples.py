@@ -50,6 +50,8 @@ def mirrored(sample: Mapping[str, Any], p: float = 1.0) -> Sample:
         p: The probability of mirroring, drawn by torch's generator, which a loader seeds in each
             worker.
     """
+    if not 0.0 <= p <= 1.0:
+        raise ValueError(f"p must be a probability, 0 to 1, got {p}")
     if p < 1.0 and float(torch.rand(())) >= p:
         return dict(sample)
     turned = {name: _mirrored(value) for name, value in sample.items()}

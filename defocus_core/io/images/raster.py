@@ -44,6 +44,7 @@ _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b
 # columns.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
+_BEFORE_PIXELS = 1 << 12  # first bytes of a PNG, which have the chunk acTL if it is animated
 _LAB = (8, 9, 10)  # of PhotometricInterpretation: decoded as if it were RGB
 HEIC_DAMAGE = "is a damaged HEIC file"
 OWN = "defocus:"  # prefix of attributes that say how defocus made a file
@@ -210,9 +211,12 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     orientation = spec.get_int_attribute("Orientation", 1)
     if orientation in SIDEWAYS:
         width, height = height, width
-    head, bits = read_head(path, 32), spec.get_int_attribute("oiio:BitsPerSample", 0)
+    head, bits = read_head(path, _BEFORE_PIXELS), spec.get_int_attribute("oiio:BitsPerSample", 0)
     if head.startswith(b"\x89PNG") and spec.nchannels == 1:
         bits = head[24]
+    if head.startswith(b"\x89PNG") and b"acTL" in head:
+        problem = "is an animated PNG, of which only the first frame is read"
+        raise InputError("unsupported", problem, "save its frames as files", path=path)
     # OpenImageIO stretches the numbers of fewer bits to 8 or 16
     is_stretched = 0 < bits < 8 * spec.format.size() and str(spec.format) in _INTEGERS
     return Raster(

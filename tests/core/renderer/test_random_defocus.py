@@ -181,6 +181,11 @@ def test_a_sample_is_transformed_as_a_batch_of_one_and_stays_what_it_is(made):
     assert first == defocus(sample)["lens"]
 
 
+def test_mirroring_needs_a_probability():
+    with pytest.raises(ValueError, match="p must be a probability"):
+        mirrored({}, p=2)
+
+
 def test_a_mirrored_sample_is_that_of_the_mirrored_scene():
     known = {"left_right": True, "blades": 0, "fnum": 0.4}
     defocus, sample = RandomDefocus(**known), dataset_sample()

@@ -74,6 +74,7 @@ csv color,focus,focus-at ¶ c.exr,2m,"1,1" ¶ → contradiction focus
 csv color ¶ c.exr ¶ d/c.exr ¶ → duplicate line 3
 csv color ¶ \udcff ¶ → not-utf-8
 jsonl [1] ¶ → malformed line 1
+jsonl {"color": "c.exr", "color": "d.exr"} ¶ → malformed line 1
 jsonl {"color": ["c.exr"]} ¶ → malformed color
 pairs 1.png 2.png - 1.exr → empty
 pairs 1.png 1.jpg - 1.exr → duplicate
