@@ -48,22 +48,15 @@ def _known():
 
 
 class Device(NamedTuple):
-    """A device that is not the CPU, pretended or real.
+    """A device that is not the CPU, pretended or real."""
 
-    Attributes:
-        name: As torch has it.
-        there: Takes a tensor to it.
-        here: Takes a tensor of it to the CPU.
-        known: Where it is known.
-        within: Greatest difference from the pictures of the CPU: of other sizes of transforms, and
-            on a real one of its own rounding.
-    """
-
-    name: str
-    there: Callable[[Tensor], Tensor]
-    here: Callable[[Tensor], Tensor]
-    known: Callable[[], AbstractContextManager[None]]
-    within: float
+    name: str  # as torch has it
+    there: Callable[[Tensor], Tensor]  # takes a tensor to it
+    here: Callable[[Tensor], Tensor]  # takes a tensor of it to the CPU
+    known: Callable[[], AbstractContextManager[None]]  # where it is known
+    within: (
+        float  # greatest difference from pictures of the CPU, by sizes of transforms and rounding
+    )
 
 
 PRETENDED = Device(NAME, there, here, elsewhere, 2e-6)

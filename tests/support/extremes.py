@@ -29,37 +29,22 @@ def dots():
 
 @dataclass(frozen=True)
 class Extreme:
-    """A picture of noise with lights, and how it is taken.
+    """A picture of noise with lights, and how it is taken."""
 
-    Attributes:
-        size: (height, width) in px.
-        radius: Greatest radius in px.
-        kind: How radii lie: one of KINDS.
-        side: -1 nearer than focus, 0 on both sides, 1 beyond it.
-        light: Light of the brightest pixel.
-        lights: Number of pixels that are a thousand times as bright as others.
-        dtype: Type of the picture.
-        seed: Of the noise.
-        pupil: Attributes of the aperture.
-        rim: Attributes of the cat's eye, if there is one.
-        pair: Attributes of the dual pixel.
-        learnt: The name of a number of the pupil or the rim that a gradient flows to.
-        options: Other options of `render`.
-    """
-
-    size: tuple[int, int] = (12, 16)
-    radius: float = 4.0
-    kind: str = "constant"
-    side: int = 1
-    light: float = 1.0
-    lights: int = 1
-    dtype: torch.dtype = torch.float32
-    seed: int = 0
-    pupil: dict[str, Any] = field(default_factory=dict)
+    size: tuple[int, int] = (12, 16)  # (height, width) in px
+    radius: float = 4.0  # greatest radius in px
+    kind: str = "constant"  # how radii lie: one of KINDS
+    side: int = 1  # -1 nearer than focus, 0 on both sides, 1 beyond it
+    light: float = 1.0  # light of the brightest pixel
+    lights: int = 1  # number of pixels that are a thousand times as bright as others
+    dtype: torch.dtype = torch.float32  # type of the picture
+    seed: int = 0  # of the noise
+    pupil: dict[str, Any] = field(default_factory=dict)  # attributes of the aperture
+    # attributes of the cat's eye, if there is one
     rim: dict[str, Any] = field(default_factory=dict)
-    pair: dict[str, Any] = field(default_factory=dict)
-    learnt: str = ""
-    options: dict[str, Any] = field(default_factory=dict)
+    pair: dict[str, Any] = field(default_factory=dict)  # attributes of the dual pixel
+    learnt: str = ""  # the name of a number of the pupil or the rim that a gradient flows to
+    options: dict[str, Any] = field(default_factory=dict)  # other options of `render`
 
     def scene(self):
         """The picture [3, H, W] and its radii [H, W]."""

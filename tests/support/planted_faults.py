@@ -130,21 +130,13 @@ def of_channel(image, index, changed):
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture [H, W, 3] of light, and what it was rendered of.
+    """A picture [H, W, 3] of light, and what it was rendered of."""
 
-    Attributes:
-        light: the picture.
-        depth: planar depth [H, W] in m.
-        sharp: the picture before it was blurred, with some lights more.
-        focal: focal length in px.
-        rng: for places and noise.
-    """
-
-    light: Pixels
-    depth: Pixels
-    sharp: Pixels
-    focal: float
-    rng: np.random.Generator
+    light: Pixels  # the picture
+    depth: Pixels  # planar depth [H, W] in m
+    sharp: Pixels  # the picture before it was blurred, with some lights more
+    focal: float  # focal length in px
+    rng: np.random.Generator  # for places and noise
 
     @property
     def shown(self):
