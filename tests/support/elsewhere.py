@@ -55,7 +55,7 @@ class Device(NamedTuple):
     here: Callable[[Tensor], Tensor]  # takes a tensor of it to the CPU
     known: Callable[[], AbstractContextManager[None]]  # where it is known
     within: (
-        float  # greatest difference from pictures of the CPU, by sizes of transforms and rounding
+        float  # greatest difference from pictures of the CPU, by rounding
     )
 
 
