@@ -39,7 +39,7 @@ def run() -> NoReturn:
 
 
 def _leave(codes: list[int]) -> None:
-    """End the process at once, as unloading PyTorch takes a third of a second."""
+    """End the process at once with the exit code in `codes`, if any: unloading PyTorch is slow."""
     with suppress(OSError, ValueError):  # nobody reads the output; Python would report it
         for stream in filter(None, (sys.stdout, sys.stderr)):
             stream.flush()

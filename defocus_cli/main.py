@@ -46,7 +46,7 @@ COMMANDS = {
     "render": "Defocus pictures, given their colour and depth.",
     "batch": "Render many pictures with many lenses, as a jobs file lists them.",
     "status": "Show the progress of a batch, and why jobs failed.",
-    "merge": "Merge the journals of a batch that ran in parts.",
+    "merge": "Merge the journals of a batch that ran in shards.",
     "choose": "Write an HTML page on which you choose focus and blur.",
     "info": "Show the content of files: size, channels, depth range.",
     "depth": "Convert depth files of any format to EXR in planar metres.",

@@ -50,11 +50,11 @@ _QUALITIES = ("standard", "high")
 def command(
     truth: Path | None, qualities: tuple[str, ...], threads: int | None, device: str, as_json: bool
 ) -> None:
-    """Render scenes with known truth, and print the error and the time of each shot.
+    """Render scenes with known truth, and print the error and the time of each picture.
 
-    A row of the table is a quality on a shot. Two more rows are for comparison: 'sum' adds up
-    blurred depth slices without occlusion; 'torch' is quality 'standard' rendered by torch, where
-    compiled loops render it otherwise ('defocus help quality').
+    A row of the table is a scene, rendered through the lens of column 'shot' in a quality. Two
+    more rows are for comparison: 'sum' adds up blurred depth slices without occlusion; 'torch' is
+    quality 'standard' by torch, if the row above is by compiled loops ('defocus help quality').
 
     
     PSNR     in dB, of sRGB-encoded pictures; a border as wide as the largest blur is left out

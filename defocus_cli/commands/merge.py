@@ -19,10 +19,10 @@ from defocus_core.system.text import counted
 @dataset_options
 @json_option
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
-    """Merge the journals of a batch that ran in parts, and write the list of its samples.
+    """Merge the journals of a batch that ran in shards, and write the list of its samples.
 
-    Run it when all parts of 'defocus batch --shard' have ended. It makes one journal of their
-    journals in OUT, as if the batch had run in one part, and writes OUT/metadata.jsonl, the list of
+    Run it when all shards of 'defocus batch --shard' have ended. It makes one journal of their
+    journals in OUT, as if the batch had run as a whole, and writes OUT/metadata.jsonl, the list of
     samples. The list has the samples of all batches in OUT; 'defocus batch' without --shard lists
     only the samples of its jobs file.
 

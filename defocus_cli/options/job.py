@@ -154,9 +154,9 @@ def shot_options(command: Command) -> Command:
 def shot_lens_options(
     *, required: bool, names: Iterable[str] = LENS_OPTIONS, moving: bool = True
 ) -> Decorator:
-    """Add lens options to a command, which gets them as ``lenses``; None if there are none.
+    """Add lens options to a command, which gets them as ``lenses``, or None if none are given.
 
-    `required`: whether ``lenses`` is never None. `names`: the lens options of the command.
+    `required`: whether ``lenses`` is an object even then. `names`: the lens options of the command.
     `moving`: whether it has the option ``--animate``.
     """
     options = [

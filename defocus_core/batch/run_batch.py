@@ -151,7 +151,7 @@ def run_batch(
         threads: Threads of each process; None to use all cores.
         device: auto, cpu or cuda.
         memory: Bytes that each process may take; None for most of the available memory.
-        shard: (k, n) to do only part k of n, from 1; `defocus merge` joins the parts.
+        shard: (k, n) to do only shard k of n, k from 1; `defocus merge` joins the shards.
         limit: Greatest number of jobs to do now.
         fail_fast: Whether to stop when a job fails.
         overwrite: Whether to do all jobs again, even finished ones.

@@ -106,7 +106,7 @@ def _pictures(folder: Path) -> dict[str, Path]:
 
 
 def partners(path: Path) -> Iterator[tuple[str, Path]]:
-    """The files that B may be by mistake, each with the name of the finding: (name, file).
+    """The files beside A that B may show by mistake: (name of the finding, file) of each.
 
     They are the other view, other pictures of the sample, and the frames before and after.
     """

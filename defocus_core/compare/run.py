@@ -107,7 +107,7 @@ class Task:
 def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterator[Comparison]:
     """Yield the records of all pairs in order, each as soon as it is known.
 
-    Causes are searched for the first failing pairs alone. Which pairs these are does not depend on
+    Causes are searched only for the first failing pairs. Which pairs these are does not depend on
     the number of processes.
     """
     most = CAUSES[task.causes]

@@ -63,7 +63,7 @@ def region(text: str) -> CropRegion:
 def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDArray[np.bool_]:
     """Pixels [H, W] at which any channel of a mask is not 0.
 
-    `size`: (height, width) of the picture.
+    `size`: (height, width) of the picture. `empty`: whether the mask may be 0 everywhere.
     """
     mask = read_picture(path)
     if (mask.height, mask.width) != size:

@@ -199,7 +199,7 @@ def read_thresholds(
     default: Rules = Rules(),
     ignore_channels: Sequence[str] = (),
 ) -> Thresholds:
-    """The thresholds of a file and of the command line."""
+    """The thresholds of a file and of the command line; `default` holds for what neither gives."""
     given: dict[str, Any] = {"fail": tuple(fail), "warn": tuple(warn), "over": over}
     given["ignore_channels"] = tuple(ignore_channels)
     flags = {key: value for key, value in given.items() if value not in ((), None)}
@@ -237,7 +237,7 @@ def _changes(table: Table) -> dict[str, Any]:
 
 
 def _texts(table: Table, key: str, what: str, example: str) -> tuple[str, ...]:
-    """The texts that a key has: a list of texts, or one text."""
+    """The texts of a key, a list or a single one; `what` and `example` are words for errors."""
     texts = table.values[key]
     texts = [texts] if isinstance(texts, str) else texts
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):

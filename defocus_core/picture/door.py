@@ -72,7 +72,7 @@ class Picture:
         hidden: tuple[Any, Any] | None = None,
         **reading: Any,
     ) -> None:
-        """Make a picture of arrays or tensors in memory.
+        """Make a picture from arrays or tensors in memory.
 
         Args:
             color: [H, W, C] or [H, W], with 1 to 4 channels: Y, YA, RGB or RGBA. Floats are linear

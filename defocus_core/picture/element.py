@@ -151,7 +151,7 @@ def _is_mixed(
     known: NDArray[np.bool_],
     solid: float,  # alpha of a pixel that shows only the object
 ) -> NDArray[np.bool_]:
-    """Edge pixels that are farther than all fully covered pixels nearby, as averages are.
+    """Edge pixels farther than all fully covered ones nearby: averages with the background.
 
     `fraction` is alpha, at least `solid` if fully covered; `known` marks pixels with a depth.
     """

@@ -55,7 +55,7 @@ def fit_files(
     """Find focus and f-number of the lens that blurred a picture; returns a record for JSON.
 
     `picture` is sharp and has depth; `blurred` is the blurred picture, or its left and its right
-    dual-pixel view. `progress` is called with the number of renderings done and an estimate of all.
+    dual-pixel view. `progress` is called with the numbers of renderings done and expected.
     """
     import torch
 

@@ -94,7 +94,7 @@ def _first_mb() -> tuple[float, bool]:
 
 
 def _sizes(job: Job) -> tuple[float, float]:
-    """Memory in MB of the arrays of a job; and of those files that must be decoded as a whole."""
+    """Memory in MB of the arrays of a job; and that of decoding files that are decoded whole."""
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if image_type(job) == "float16" else _FLOAT
     if outputs.need_rendering:
@@ -106,7 +106,7 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 
 def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
-    """Estimate the memory of an input picture; `passes` are patterns of further blurred channels.
+    """Estimate the memory of an input picture; `passes` match further channels to blur.
 
     Returns:
         The number of pixels; bytes per pixel of the decoded arrays; bytes per pixel that decoding

@@ -188,7 +188,7 @@ def _refuse_infinite(
 
 
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
-    """The least and the greatest radius in px, without empty pixels; raises if one is too large."""
+    """The least and the greatest radius in px, except of empty pixels; refuses huge radii."""
     radius = px if depth.empty is None else px[~depth.empty]
     radius = radius[np.isfinite(radius)] if depth.is_radius else radius
     least, greatest = (float(radius.min()), float(radius.max())) if radius.size else (0.0, 0.0)

@@ -156,7 +156,7 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """Replace the pass by one for each group of colours, as red and blue have other radii."""
+    """Replace the pass by one for each group of colours with the same radii."""
     (whole,) = every
     take, color = whole.take, whole.take.inputs.color
     if "R" not in color.channels:

@@ -69,9 +69,9 @@ def subject_of(depth: Depth) -> FoundPixel:
     """Find the pixel to focus on: on the nearest upright surface that covers 5 % of the picture.
 
     Pixels in the middle of the picture count more. The disparities of the surface span at most a
-    sixth of the range of all. Upright means that disparity does not change from row to row as on a
-    floor. The pixel has about the median disparity of the surface, is near its centre, and not on a
-    soft edge.
+    sixth of the range in the picture. Upright means that disparity does not change from row to row
+    as on a floor. The pixel has about the median disparity of the surface, is near its centre, and
+    not on a soft edge.
     """
     every, step = _looked_at(depth)
     known, standing = np.isfinite(every), _stands(every)
@@ -123,7 +123,7 @@ def on_ramp(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _local_range(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """The least and the greatest disparity near each pixel; and the least difference at an edge."""
+    """The least and the greatest disparity near each pixel; and how much they differ at an edge."""
     reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
     lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
     return lowest, highest, _STEP * _range(disparity)
@@ -149,7 +149,7 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     """The range of depth numbers of the surface at a pixel; None if there is only one number.
 
     The surface consists of upright pixels of similar disparity that are connected with the pixel.
-    If nothing is upright, it is a part of the floor.
+    If no pixel is upright, it is a strip of the floor.
     """
     every, step = _looked_at(depth)
     finer = math.isqrt(every.size // _SEARCHED) + 1

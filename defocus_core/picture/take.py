@@ -272,8 +272,8 @@ MEASURES = (*RADII, "clipped_share", "invented_share")
 def measures(take: Take) -> dict[str, float | None]:
     """Statistics of a rendered picture for its record; None where a value is unknown.
 
-    Besides those of `radius_measures`, ``clipped_share`` is the share of pixels of which a channel
-    is white (not for EXR and HDR), and ``invented_share`` that of pixels whose trust is below 0.99.
+    Besides those of `radius_measures`, ``clipped_share`` is the share of pixels with a channel at
+    its maximum (not for EXR and HDR), and ``invented_share`` that of pixels with trust below 0.99.
     """
     nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
     pixels, invented = take.stats.get("pixels", 0), take.stats.get("pixels_invented")

@@ -276,7 +276,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
 
 
 def _repair(take: Take) -> dict[str, str]:
-    """Attributes with options and result of the repair of depth, as far as they are not usual."""
+    """Attributes: options of depth repair that are not the default, and what it changed."""
     reading = take.job.reading
     asked = [f"‹depth-repair› {reading.depth_repair}"] * (reading.depth_repair != "auto")
     if reading.edge_width is not None:

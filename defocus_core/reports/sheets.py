@@ -77,7 +77,7 @@ def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
 
 
 def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
-    """Write sRGB pictures of equal width in rows; below lower pictures a row is black."""
+    """Write sRGB pictures of equal width in rows, each as high as the highest, with black below."""
     height = max(map(len, pictures))
     cells = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in pictures]
     cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)

@@ -85,7 +85,7 @@ def _interpolated(row: LensParam, first: Any, last: Any, fraction: float) -> Any
 
 
 def read_animation(files: Iterable[str], table: Table | None = None) -> Animation | None:
-    """Read the keyframes in `files`; or, with a table ``[animate]``, those in it and in its files.
+    """Read the keyframes in `files`; or those in the table ``[animate]`` and the files it names.
 
     The result is None if there are none. Files are CSV or TOML.
     """

@@ -24,10 +24,10 @@ _RESERVED = {
 
 
 def is_label(name: str) -> bool:
-    """Whether a name is valid for a label, a file that is copied beside the outputs of a picture.
+    """Whether a name is a valid label, the name of the copies of an input beside the outputs.
 
-    It must not be that of a kind of output, and its part before the first ``_`` not a reserved
-    word, such as ``depth`` or ``json``.
+    It must not be a kind of output, and must not begin with a reserved word such as ``depth`` or
+    ``json``, alone or before ``_``.
     """
     is_free = name not in KINDS and name.partition("_")[0] not in _RESERVED
     return is_free and _LABEL.fullmatch(name) is not None
@@ -37,7 +37,7 @@ def is_label(name: str) -> bool:
 class PictureFiles:
     """The files of a picture. `color` and `depth` are the same file if one EXR holds both.
 
-    Labels in `carried` are files that are copied beside the outputs.
+    `carried` are files that are copied beside the outputs, by label.
     """
 
     stem: str
@@ -180,7 +180,7 @@ class Shot:
 def reading_through(reading: Reading, lens: LensValues | None) -> Reading:
     """The options for reading depth, adapted to a lens.
 
-    With a lens whose ``blur`` is given in px, depth is read as relative disparity. Without one,
+    With a lens whose ``blur`` is given in px, depth is read as relative disparity. Otherwise,
     UsageProblem is raised if ``invert`` is set, which only relative disparity allows.
     """
     if lens is not None and lens.blur is not None:
@@ -224,7 +224,7 @@ class Job:
 
         Raises:
             UsageProblem: The output format cannot hold the channels of `blur_channels`, or
-                `highlights` is on, whose added light these channels would lack.
+                `highlights` is on, which would not add light to these channels.
         """
         if self.reading.blur_channels and self.outputs.format != "exr":
             problem = f"has no effect in {self.outputs.format}, which holds the picture alone"

@@ -178,7 +178,7 @@ class Entry:
 
 
 def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
-    """The pictures of ``[inputs]`` in file order, and all frames of its frame pattern, if any."""
+    """The pictures of ``[inputs]``; and all frames of its frame pattern, empty without one."""
     table.refuse_unknown((*keys_of(INPUT_OPTIONS), "carry"))
     entries, shot = _from_files(table)
     for name in table.texts("list"):
@@ -251,8 +251,8 @@ def _from_tables(table: Table) -> list[Entry]:
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of the rows of a list.
 
-    A job whose files are missing fails later. InputError is raised here only if none of the first
-    colour files exists.
+    A job whose files are missing fails later. InputError is raised here only if no colour file of
+    the first `_TRIED` rows exists.
     """
     with without_collections():
         entries = [_entry(row, where, file) for where, row in rows]

@@ -79,8 +79,8 @@ def find(
     """Find the pictures that paths stand for: files, directories, patterns or frame patterns.
 
     `others` are the paths of other pictures of the scene by role, and `carried` those of labels;
-    `patterns_in` is the folder of wildcard patterns, None to refuse wildcards. Returns the wanted
-    pictures; and all complete frames of the shot, empty without frame patterns.
+    wildcards are relative to `patterns_in`, and refused if it is None. Returns the wanted pictures;
+    and all complete frames of the shot, empty without frame patterns.
     """
     labels = carried or {}
     every = (color, depth, *(path for pair in others.values() for path in pair), *labels.values())

@@ -361,14 +361,14 @@ _shifts, _shares = _pair(_shift, _shift, *_LIKE), _pair(_share, _share, *_LIKE)
 def noise(text: str) -> tuple[float, float] | str:
     """Parse sensor noise like ``4000:3``, or the word ``match``.
 
-    The numbers are the electrons of a light of 1, and the electrons of read noise.
+    The numbers are the electrons that light of 1 frees, and those of the read noise.
     """
     word = text.strip().lower()
     return word if word == MATCH else _sensor(text)
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Parse threshold and gain of clipped lights, as ``0.93:8`` or ``auto``; None for ``off``."""
+    """Parse threshold and gain of clipped lights like ``0.93:8``; ``off`` gives None."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 

@@ -265,7 +265,7 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
 def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
     """Raise UsageProblem unless the focus distance exceeds the focal length, both in mm.
 
-    `where` is the place for the error; `at` the text in it before the distance.
+    `where` is the place for the error, and `at` the text before the distance in its message.
     """
     if foc_dist <= foclen:
         near, far = length_text(foc_dist), length_text(foclen)
@@ -361,7 +361,7 @@ def reading_of(*layers: Layer) -> Reading:
 
 
 def _possible(value: Any) -> Sequence[Any]:
-    """The values that an option may take: one, or the values or both ends of a distribution."""
+    """A value alone; or the values or both ends of a distribution, without percentiles."""
     kind = getattr(value, "kind", None)
     return (value,) if kind is None else () if kind == "percentile" else value.values
 

@@ -83,7 +83,7 @@ def with_recorded(
 
     `recorded` are the names of splits by name of picture; `all_scenes` tells whether `jobs` have
     all scenes of the batch. Notes tell how many scenes are kept against their hash, how many
-    changed split, and which splits are empty.
+    are in another split than before, and which splits are empty.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:

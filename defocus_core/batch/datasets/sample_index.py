@@ -139,7 +139,7 @@ def made_by(record: Record) -> str:
 
 
 def decoded(path: str) -> bool:
-    """Whether `datasets` can decode a file of this name, as it has no decoder of EXR."""
+    """Whether `datasets` can decode a file of this type; EXR, for one, it cannot."""
     return path.endswith(_DECODED)
 
 

@@ -126,7 +126,7 @@ def foreign(out: Path) -> str | None:
 
 
 def _samples(out: Path) -> Iterator[ShardSample]:
-    """The samples in the index by split; those of a split are sorted by name, or shuffled."""
+    """The samples in the index, one split after another, each sorted by name or shuffled."""
     shuffle = origin_of(out).shuffle
     with Folder(out).open(sample_index.NAME) as index:
         begins = [0, *accumulate(len(line) for line in index)]

@@ -39,7 +39,7 @@ NO_JSON = (DecodeError, UnicodeDecodeError, RecursionError)
 
 
 class Shard(NamedTuple):
-    """The part of a batch that one run does: part ``number``, from 1, ``of`` all."""
+    """The part of a batch that one run does: ``number``, counted from 1, out of ``of``."""
 
     number: int
     of: int

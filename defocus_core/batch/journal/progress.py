@@ -70,7 +70,7 @@ def progress(out: Path, failures: int) -> Progress:
 def merge(out: Path) -> tuple[int, int, list[str]]:
     """Merge the journals of all shards into one.
 
-    Returns the number of jobs, the number of journals merged, and shards without one, like "3/8".
+    Returns the numbers of jobs and of merged journals, and shards without journal, like "3/8".
     """
     require_journal(out)
     with locked(out):

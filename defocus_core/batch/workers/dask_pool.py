@@ -2,8 +2,8 @@
 
 Jobs and results are small, as workers read and write pictures themselves. So all machines must see
 the same files at the same paths. A worker therefore checks that OUT has the lock file of this run,
-and this process that it sees the first file of each worker. Dask may do a job twice, which is
-harmless: files are replaced as a whole, and only this process writes the journal.
+and this process checks that the first file of each worker appears in OUT. Dask may do a job twice,
+which is harmless: files are replaced as a whole, and only this process writes the journal.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _is_seen(path: Path) -> bool:
 
 
 def _absolute(value: Any) -> Any:
-    """A job, or a part of it, with all paths made absolute."""
+    """A job, or a value in it, with all paths made absolute."""
     if isinstance(value, Path):
         return value.absolute()
     if isinstance(value, tuple) and not hasattr(value, "_fields"):

@@ -125,7 +125,7 @@ def execute(
     """Do the jobs of a batch in this process, without threads if there is only one.
 
     ``done`` is called with number and outcome of each job; `stopped` tells whether to begin no
-    more. `progress` is called with the numbers of finished tiles and of all tiles of an only job.
+    more. With only one job, `progress` is called with the numbers of finished and of all tiles.
     """
     plain_path.load()
     jobs = chain.from_iterable(chunks)

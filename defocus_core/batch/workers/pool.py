@@ -121,7 +121,7 @@ def serve(connection: Connection) -> None:
 
 
 def _received(connection: Connection, stopped: threading.Event) -> Iterator[tuple[int, Job]]:
-    """Iterate over numbered jobs that are received; ``stopped`` is set when none should be begun.
+    """Iterate over numbered jobs that are received; ``stopped`` is set to begin no more of them.
 
     If the process that sends jobs dies, this process exits, as a later run would do the same jobs
     and write to the same files.

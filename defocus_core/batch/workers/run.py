@@ -145,7 +145,7 @@ def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
 
 
 def writes_file(jobs: Sequence[Job]) -> bool:
-    """Whether the only job writes a single named file, and therefore no journal."""
+    """Whether a job writes a single file of a given path; a run then writes no journal."""
     return any(job.outputs.file for job in jobs)
 
 
@@ -217,7 +217,7 @@ def _refuse_to_replace(plan: Plan, begun: Collection[str], *, keep_lenses: bool)
 
 
 def _check_folders(outputs: Outputs, mode: int) -> None:
-    """Raise InputError if an output folder is a link or a file, or does not allow access `mode`."""
+    """Raise InputError if an output folder is a link or a file, or `os.access` denies `mode`."""
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
@@ -339,7 +339,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index, if anything changed, with the `asked` samples or those of the old index."""
+    """Write the index if it would change: the `asked` samples, or those of the old index."""
     plan, summary, execution = state.plan, state.summary, state.execution
     out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:

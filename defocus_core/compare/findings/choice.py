@@ -112,7 +112,7 @@ def _chosen(
 
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
-    """The fits of the rows of `table` whose attribute `looks` has that value.
+    """The fits of causes: of those known by the looks of the difference, or of the others.
 
     No further module is tried after a fit that explains nearly all of the difference.
     """
@@ -167,7 +167,7 @@ def _by_lens(finding: Finding, a: DecodedPicture, b: DecodedPicture) -> Finding:
 
 
 def _others(path: Path, *, as_light: bool) -> dict[str, Mapping[str, Any]]:
-    """Decoded channels of the files that B may be by mistake, by the name of the finding."""
+    """Channels of files beside A that B may show by mistake, by the name of the finding."""
     others: dict[str, Mapping[str, Any]] = {}
     for name, file in partners(path):
         with suppress(InputError):  # it is compared as a pair of its own

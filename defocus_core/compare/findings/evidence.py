@@ -1,8 +1,8 @@
 """Sampled pixels of a pair, on which explanations of a difference are tested.
 
-An explanation predicts B from A. Of blocks of 16 px, every other one chooses its parameters, and
-the rest measure its residual. The scale of differences is sRGB up to 1 and logarithmic beyond, so
-that a few highlights do not decide. Rounding errors are subtracted only by `explained`.
+An explanation predicts B from A. Its parameters are chosen in every other block of 16 px, and its
+residual is measured in the rest. The scale of differences is sRGB up to 1 and logarithmic beyond,
+so that a few highlights do not decide. Rounding errors are subtracted only by `explained`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Evidence:
     Attributes:
         names: the channels that differ.
         types: number types of B.
-        others: channels of the files that B may be by mistake, by the name of the finding.
+        others: channels of files beside A that B may show by mistake, by the name of the finding.
         codecs: compression of the files of A and of B.
         is_light: whether a channel that differs is colour.
         is_small: whether there are so few pixels that explaining half of them may be chance.
@@ -108,7 +108,7 @@ class Evidence:
 
     @cached_property
     def fits(self) -> NDArray[np.bool_]:
-        """Mask [N] of the samples that choose parameters; the others measure residuals."""
+        """Mask [N] of the samples to choose parameters by; residuals are of the others."""
         rows, columns = (places // _BLOCK for places in self.places)
         return np.asarray((rows + columns) % 2 == 0)
 
@@ -292,12 +292,12 @@ def steepness(light: NDArray[Any]) -> NDArray[Any]:
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
-    """Mask [H, W] of the blocks that choose parameters; the others measure residuals."""
+    """Mask [H, W] of every other block, as on a chessboard, with sides of ``side`` px."""
     rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
     return np.asarray(rows[:, None] == columns)
 
 
-def sums_of_parts(values: NDArray[Any], side: int) -> NDArray[Any]:
+def sums_of_squares(values: NDArray[Any], side: int) -> NDArray[Any]:
     """Sums [h, w] of values [H, W] over squares with sides of ``side`` px."""
     rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)

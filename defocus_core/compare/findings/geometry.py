@@ -1,4 +1,4 @@
-"""Causes that move pixels: another file, flips and right angles, crop, shift, scale."""
+"""Causes other than changed values: another file, mirroring, turns, crop, shift, scale."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 def moved(evidence: Evidence) -> Iterator[Explanation]:
     """B is A moved by whole or fractional px, and enlarged; pixels from outside A are ignored.
 
-    A move is three numbers in px: down, right, and outwards, at a distance of half the longer side
-    from the centre. Fractions of px are found by Gauss-Newton steps (Lucas and Kanade, 1981).
+    A move is three numbers in px: down, right, and outwards from the centre, as measured half the
+    longer side from it. Fractions of px are found by Gauss-Newton steps (Lucas and Kanade, 1981).
     """
     names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
     few = np.flatnonzero(evidence.fits)
@@ -80,7 +80,7 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
     slope = steepness(was) if of_light else 1.0  # of a screen
 
     def left(inside: Any, there: Any) -> float:
-        """The share of the squared difference that a move leaves."""
+        """The squared residual of a move, as a share of the squared difference."""
         rest, every = (np.square((aim - v) * slope * inside).sum() for v in (there, was))
         return float(rest / every) if every else np.inf
 

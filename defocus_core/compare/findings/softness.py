@@ -19,7 +19,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     steepness,
-    sums_of_parts,
+    sums_of_squares,
 )
 from defocus_core.compare.selection import widened
 
@@ -27,7 +27,7 @@ _Plane = NDArray[np.float64]  # [h, w]
 _Kernel = Callable[[Any], Any]  # weights by distances, in units of its size
 _Way = tuple[tuple[int, int], tuple[_Kernel, _Kernel]]  # rows and columns; filters
 _LEAST, _MARGIN = 28, 8  # px on a side of the frame, and of its border that is ignored
-_SIGMAS, _PART = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of parts
+_SIGMAS, _SQUARE = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of parts
 _RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
 _FACTORS = np.geomspace(1.03, 6, 200)  # of size
@@ -99,7 +99,7 @@ class _Frame:
         sides: A and B.
         shown: the same on the scale of `Evidence.scaled`.
         steady: mask [h, w] of pixels with none nearby that may be clipped by an integer type.
-        chooses: mask [h, w] of pixels that choose parameters; the others measure residuals.
+        chooses: mask [h, w] of pixels to choose parameters by; residuals are of the others.
     """
 
     def __init__(self, evidence: Evidence, *, is_light: bool) -> None:
@@ -126,7 +126,7 @@ class _Frame:
 
     @cached_property
     def spectra(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The spectra of A and of B, both faded out at the borders before."""
+        """The spectra of A and of B, after a Hann window fades out their borders."""
         window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.steady.shape)))
         a, b = (np.fft.rfft2((side - side.mean()) * window) for side in self.sides)
         return a, b
@@ -139,9 +139,9 @@ class _Frame:
 
     @cached_property
     def filtered(self) -> tuple[float, _Plane]:
-        """The share of the squared difference that is left, and A filtered by an isotropic filter.
+        """The squared residual as a share of the squared difference, and A after a filter.
 
-        The filter is fitted so that A becomes B.
+        The filter is isotropic, and fitted so that A becomes B.
         """
         old, new = self.spectra
         radii = np.sqrt(self.squares) * 2 * _RINGS
@@ -164,7 +164,7 @@ class _Frame:
 
     @cached_property
     def measures(self) -> NDArray[np.bool_]:
-        """Mask [h, w] of the pixels that measure residuals."""
+        """Mask [h, w] of the pixels over which residuals are summed."""
         used = ~self.chooses & self.steady
         for rim in (slice(_MARGIN), slice(-_MARGIN, None)):
             used[rim] = used[:, rim] = False
@@ -187,7 +187,7 @@ class _Frame:
 
 
 def softened(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a filtered A, A is a filtered B, or each in some parts; or B has lower resolution."""
+    """B is a filtered A, A a filtered B, or each in some places; or B has lower resolution."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
     alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
     sides = [cut.stop - cut.start for cut in evidence.frame]
@@ -195,16 +195,16 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
         return
     frames = [_Frame(evidence, is_light=light) for light in {True, evidence.is_linear}]
     frame = min(frames, key=lambda each: each.filtered[0])  # programs filter light or codes
-    yield from _filtered_in_parts(frame)
+    yield from _filtered_in_squares(frame)
     if not all(name.endswith("A") for name in evidence.names):  # soft edges tell no size
         yield _resized(frame)
 
 
 def _resized(frame: _Frame) -> Explanation:
-    """B is A reduced and enlarged again, by filters or by leaving pixels out."""
+    """B is A reduced and enlarged again; reduced by a filter or by leaving pixels out."""
     (height, width), (a, b) = frame.evidence.size, frame.shown
     inner = (slice(_MARGIN, -_MARGIN),) * 2
-    parts = sums_of_parts((np.square(b - a) * frame.steady)[inner], _PROBE)
+    parts = sums_of_squares((np.square(b - a) * frame.steady)[inner], _PROBE)
     most = np.unravel_index(int(parts.argmax()), parts.shape)  # the part that tells most
     firsts = [int(k) * _PROBE + _MARGIN for k in most]
     ends = zip(firsts, b.shape, strict=True)
@@ -250,12 +250,12 @@ def _factors(frame: _Frame) -> list[tuple[float, tuple[_Kernel, _Kernel]]]:
 
 
 def _through_size(
-    frame: _Frame, size: tuple[int, int], kernels: Sequence[_Kernel], part: tuple[slice, ...]
+    frame: _Frame, size: tuple[int, int], kernels: Sequence[_Kernel], within: tuple[slice, ...]
 ) -> _Plane:
-    """A part of the frame of A, reduced to (rows, columns) and enlarged again."""
+    """A rectangle of the frame of A, which is reduced to (rows, columns) and enlarged again."""
     made, (down, up) = frame.sides[0], kernels
     for cut, full, small, each in zip(
-        frame.evidence.frame, frame.evidence.size, size, part, strict=True
+        frame.evidence.frame, frame.evidence.size, size, within, strict=True
     ):
         ratio = full / small
         reach = math.ceil(4 * ratio) + 4
@@ -269,16 +269,17 @@ def _through_size(
     return np.asarray(made)
 
 
-def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
-    """B is a blurred A, or A is a blurred B, by a different amount in each part.
+def _filtered_in_squares(frame: _Frame) -> Iterator[Explanation]:
+    """B is a blurred A, or A is a blurred B, by a different amount in each square.
 
-    The blur of a part is a sum of gaussians, by least squares at the pixels of `chooses`.
+    The blur of a square is a sum of gaussians, by least squares at the pixels of `chooses`.
     """
     (a, b), slope, smooth = frame.sides, frame.slope, frame.smooth
     old, new = (
-        sums_of_parts(np.square(v - s[2]), _PART) for v, s in zip(frame.sides, smooth, strict=True)
+        sums_of_squares(np.square(v - s[2]), _SQUARE)
+        for v, s in zip(frame.sides, smooth, strict=True)
     )
-    softer = _spread(new < old, a)
+    softer = _filled(new < old, a)
     columns = [np.where(softer, x - a, b - y) * slope for x, y in zip(*smooth, strict=True)]
     aim = (b - a) * slope
     energy = np.square(aim)
@@ -286,13 +287,13 @@ def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
     if lost < 0.5 and not frame.is_sharper:
         return
     products = [[x * y * frame.chooses for x in columns] for y in (*columns, aim)]
-    sums = np.array([[sums_of_parts(x, _PART) for x in row] for row in products])
+    sums = np.array([[sums_of_squares(x, _SQUARE) for x in row] for row in products])
     square, sums = np.moveaxis(sums[:-1], (0, 1), (-2, -1)), np.moveaxis(sums[-1], 0, -1)
     scale = np.trace(square, axis1=-2, axis2=-1)
     ridge = (1e-3 * (scale + scale.mean()) + 1e-30)[..., None, None] * np.eye(len(columns))
     solved = np.linalg.solve(square + ridge, sums[..., None])[..., 0]
-    change = sum(_spread(solved[..., k], a) * x for k, x in enumerate(columns))
-    spread = float((sums_of_parts(energy, _PART) * (solved @ np.square(_SIGMAS))).sum())
+    change = sum(_filled(solved[..., k], a) * x for k, x in enumerate(columns))
+    spread = float((sums_of_squares(energy, _SQUARE) * (solved @ np.square(_SIGMAS))).sum())
     radius = 2 * math.sqrt(abs(spread) / max(float(energy.sum()), 1e-300))
     names = ("softer", "sharper") if lost >= 0.5 else ("sharper", "softer")
     two_ways = 1 - _ONE_WAY < lost < _ONE_WAY
@@ -303,7 +304,7 @@ def _filtered_in_parts(frame: _Frame) -> Iterator[Explanation]:
     yield min(fits, key=lambda fit: fit.left)
 
 
-def _spread(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
-    """A map like `like`, where the pixels of each part have the value of the part."""
-    every = np.repeat(np.repeat(values, _PART, axis=0), _PART, axis=1)
+def _filled(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
+    """A map of the size of `like`, where all pixels of a square have the value of the square."""
+    every = np.repeat(np.repeat(values, _SQUARE, axis=0), _SQUARE, axis=1)
     return every[: like.shape[0], : like.shape[1]]

@@ -40,7 +40,7 @@ _ONE = 1.001  # greatest number of values that are normalised
 
 
 def clipped_light(pixels: Pixels) -> list[Finding]:
-    """The finding of the limit at which the light of B is clipped, if any; for every pair."""
+    """The finding of the limit at which light of B is clipped, if any; needs no `Evidence`."""
     for layer in pixels.color:
         (_, high), (_, limit) = (_ends(pixels, side, layer) for side in (0, 1))
         if not (math.isfinite(high) and high > _MORE * limit > 0):
@@ -75,7 +75,7 @@ def _ends(pixels: Pixels, side: int, names: Sequence[str]) -> tuple[float, float
 
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
-    """Findings of channels that vary in A and are 0 everywhere in B; for every pair."""
+    """The finding of channels that are 0 everywhere in B alone; needs no `Evidence`."""
     zero, (old, new) = (0.0, 0.0), pixels.ranges
     lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:

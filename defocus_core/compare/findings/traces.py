@@ -13,7 +13,7 @@ from defocus_core.compare.findings.evidence import (
     Evidence,
     Explanation,
     blocks_in_turn,
-    sums_of_parts,
+    sums_of_squares,
 )
 from defocus_core.system.text import counted
 
@@ -93,7 +93,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         return math.sqrt(float(rest / power[~turn].sum()))
 
     for side in (side for side in _TILES if side <= min(a.shape)):
-        parts = sums_of_parts(power, side)
+        parts = sums_of_squares(power, side)
         spread = parts.sum() ** 2 >= _FEW_TILES * parts.size * np.square(parts).sum()
         on_grid = left(side, 0) if spread else math.inf
         apart = evidence.explained(on_grid) > _EXACT
@@ -112,12 +112,12 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
         return
     power = max(float(np.square(change).sum()), 1e-300)
     # A codec keeps the means of blocks, also of colour.
-    tint = [sums_of_parts(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
+    tint = [sums_of_squares(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
     tinted = float(np.square(tint).sum()) / (len(tint) * power)
     ways: list[tuple[float, str]] = []
     loses = [codec.startswith(("DWA", "B44")) for codec in evidence.codecs] == [False, True]
     if loses and power < _MOST_LOST**2 * change.size:
-        means = float(np.square(sums_of_parts(change, _DCT) / _DCT).sum())
+        means = float(np.square(sums_of_squares(change, _DCT) / _DCT).sum())
         by = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"
         ways.append((means / power, by))
     on_grid, off_grid = (
@@ -131,7 +131,7 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _left_of_rounding(*sides: NDArray[Any]) -> float:
-    """What is left of the difference if each frequency of blocks of A is quantised, as a share."""
+    """The squared residual if frequencies of blocks of A are quantised, as a share."""
     a, b = map(_frequencies, sides)
     turn = np.arange(len(a)) % 2 == 0
     steps = np.geomspace(0.25 / 255, 1.5, 60)[:, None, None]

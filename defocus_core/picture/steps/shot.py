@@ -61,16 +61,16 @@ def radii(take: Take) -> Take:
     return replace(take, decided=decided, shot_note=note)
 
 
-def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> list[T]:
-    """The results of `finding` for each frame; frames that raise an error are left out.
+def _of_each(frames: Sequence[FrameLens], job: Job, find: _Finding[T]) -> list[T]:
+    """The results of `find` for the frames, without frames for which it raises an error.
 
-    If all of them do, the first error is raised.
+    If it does so for all frames, the first error is raised.
     """
     found, failed = [], []
     for frame in frames:
         lens_focal = replace(job, lens=frame.lens).lens_focal
         try:
-            found.append(finding(frame, job.reading, lens_focal))
+            found.append(find(frame, job.reading, lens_focal))
         except DefocusError as error:
             failed.append(error)
     if not found:

@@ -79,7 +79,7 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 
 def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
-    """Each pair, and whether the file keeps its values: if it fails, and there is room."""
+    """Each pair, and whether the report holds its pixel values: if it fails, and there is room."""
     room = ROOM - min(ROOM // 2, len(ranked) * THUMBNAILS)
     for record in ranked:
         is_valued = room > 0 and (not record.passes or record.status == WARNING)

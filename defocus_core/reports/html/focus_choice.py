@@ -1,8 +1,8 @@
 """A page for choosing focus and blur: small rendered pictures, and the command of each.
 
 The pictures differ in the distance in focus (`_FOCUSES` surfaces), the strength of the blur
-(`_STRENGTHS`) and, for relative depth, in which end is near. The page shows the picture nearest to
-what the reader chooses.
+(`_STRENGTHS`) and, for relative depth, in whether large or small numbers are near. The page shows
+the picture nearest to what the reader chooses.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ _USUAL = 95  # percentile of the pixels that differ, at the hottest colour
 
 
 def scale_of(planes: Sequence[NDArray[Any]], *, least: float = 1.0) -> float:
-    """The power of 2 by which values are divided so that they fit into half floats."""
+    """The power of 2, at least `least`, by which values are divided to fit into half floats."""
     maximum = max(map(largest, planes), default=0.0)
     return max(least, 2.0 ** math.ceil(math.log2(maximum / _LARGEST))) if maximum else 1.0
 
@@ -175,7 +175,7 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
 
 
 def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
-    """The layers, completed by the values of those that have the size of the first.
+    """The layers; those that have the size of the first get the values of their pixels.
 
     Values are kept in a window around `place`, (x, y). A and B have the same type and scale. If
     that type does not hold their values exactly, the difference has values of its own.
@@ -222,7 +222,7 @@ def _difference(
 
 
 def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
-    """The layers of the readable files of a pair; then the difference at the hottest colour.
+    """The layers of the readable files of a pair; and the difference that is shown hottest.
 
     `values`: whether layers have values, not thumbnails alone.
     """
@@ -246,7 +246,7 @@ def _read(path: Path | None) -> DecodedPicture | None:
 def _pair(
     a: DecodedPicture | None, b: DecodedPicture | None, record: Comparison, title: str
 ) -> tuple[list[Drawn], float]:
-    """The layers A, B and difference, if they exist; then the difference at the hottest colour."""
+    """The layers A, B and difference, if they exist; and the difference that is shown hottest."""
     sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
     names = [n for n in sides[-1][2].planes if all(n in each.planes for _, _, each in sides)]
     if not names:
@@ -261,7 +261,7 @@ def _pair(
 
 
 def difference_of(a: Drawn, b: Drawn) -> tuple[list[Drawn], float]:
-    """The layer of the difference, if it is not 0; then the difference at the hottest colour."""
+    """The layer of the difference, if it is not 0; and the difference that is shown hottest."""
     greatest = _greatest(a.planes, b.planes)
     full = _full(greatest)
     if not full:
@@ -283,7 +283,7 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The difference at the hottest colour: a power of 2 that few pixels exceed; 0 if equal."""
+    """The difference that is shown hottest: a power of 2 that few pixels exceed, or 0."""
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0
