@@ -141,7 +141,7 @@ def _print(text: str) -> None:
 
 
 def exit_code_of(error: BaseException) -> int:
-    """The exit code: 1 for faults, and if no lens explains a pair, 2 for usage, 3 for files."""
+    """The exit code: 1 for faults or a pair that no lens explains, 2 for usage, 3 for files."""
     if isinstance(error, UsageProblem):
         return 2
     is_of_files = isinstance(error, (DefocusError, OSError))

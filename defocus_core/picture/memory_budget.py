@@ -106,7 +106,7 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 
 def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
-    """Estimate the memory of an input picture; `passes` match further channels to blur.
+    """Estimate the memory of an input picture; `passes` are patterns of further channels to blur.
 
     Returns:
         The number of pixels; bytes per pixel of the decoded arrays; bytes per pixel that decoding

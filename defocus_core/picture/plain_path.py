@@ -70,8 +70,8 @@ def prepare(job: Job, inputs: Inputs) -> Take:
 def compute(take: Take, progress: Progress | None = None) -> Take:
     """Render the images and maps of a job; `take` must come from `prepare`.
 
-    As many regions of the picture are computed at once as fit into memory; one by one if that of a
-    GPU does not suffice. `progress` is called with the number of finished tiles and of all tiles.
+    As many regions of the picture are computed at once as fit into memory; if a GPU runs out of
+    memory, one by one. `progress` is called with the numbers of finished tiles and of all tiles.
     """
     job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:

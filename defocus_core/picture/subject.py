@@ -123,7 +123,7 @@ def on_ramp(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _local_range(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """The least and the greatest disparity near each pixel; and how much they differ at an edge."""
+    """The least and the greatest disparity near each pixel; and their least difference at edges."""
     reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
     lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
     return lowest, highest, _STEP * _range(disparity)

@@ -24,7 +24,7 @@ _RESERVED = {
 
 
 def is_label(name: str) -> bool:
-    """Whether a name is a valid label, the name of the copies of an input beside the outputs.
+    """Whether a name is a valid label, under which files are copied beside the outputs.
 
     It must not be a kind of output, and must not begin with a reserved word such as ``depth`` or
     ``json``, alone or before ``_``.

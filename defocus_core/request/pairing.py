@@ -79,8 +79,8 @@ def find(
     """Find the pictures that paths stand for: files, directories, patterns or frame patterns.
 
     `others` are the paths of other pictures of the scene by role, and `carried` those of labels;
-    wildcards are relative to `patterns_in`, and refused if it is None. Returns the wanted pictures;
-    and all complete frames of the shot, empty without frame patterns.
+    `patterns_in` is the folder to which wildcard patterns are relative, None to refuse them.
+    Returns the wanted pictures; and all complete frames of the shot, empty without frame patterns.
     """
     labels = carried or {}
     every = (color, depth, *(path for pair in others.values() for path in pair), *labels.values())

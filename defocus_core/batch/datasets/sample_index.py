@@ -139,7 +139,7 @@ def made_by(record: Record) -> str:
 
 
 def decoded(path: str) -> bool:
-    """Whether `datasets` can decode a file of this type; EXR, for one, it cannot."""
+    """Whether `datasets` can decode a file with this suffix; it cannot decode EXR."""
     return path.endswith(_DECODED)
 
 

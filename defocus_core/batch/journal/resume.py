@@ -47,7 +47,7 @@ _PLAIN = frozenset({str, int, bool, type(None)})
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
 def _plain(value: LensValues | Reading | Outputs) -> dict[str, Any]:
-    """Lens, reading or outputs of a job as a dictionary for JSON, without `_PLACES`."""
+    """Lens, reading or outputs of a job as a dictionary for JSON, without the fields `_PLACES`."""
     return {k: v for k, v in plain(value).items() if k not in _PLACES}
 
 

@@ -339,7 +339,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index if it would change: the `asked` samples, or those of the old index."""
+    """If anything changed, write the index of the `asked` samples, or of those listed before."""
     plan, summary, execution = state.plan, state.summary, state.execution
     out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:

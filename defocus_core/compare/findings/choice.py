@@ -167,7 +167,7 @@ def _by_lens(finding: Finding, a: DecodedPicture, b: DecodedPicture) -> Finding:
 
 
 def _others(path: Path, *, as_light: bool) -> dict[str, Mapping[str, Any]]:
-    """Channels of files beside A that B may show by mistake, by the name of the finding."""
+    """Decoded channels of the files beside A that B may be, by the name of the finding."""
     others: dict[str, Mapping[str, Any]] = {}
     for name, file in partners(path):
         with suppress(InputError):  # it is compared as a pair of its own

@@ -59,7 +59,7 @@ class Evidence:
     Attributes:
         names: the channels that differ.
         types: number types of B.
-        others: channels of files beside A that B may show by mistake, by the name of the finding.
+        others: channels of the files beside A that B may be, by the name of the finding.
         codecs: compression of the files of A and of B.
         is_light: whether a channel that differs is colour.
         is_small: whether there are so few pixels that explaining half of them may be chance.
@@ -108,7 +108,7 @@ class Evidence:
 
     @cached_property
     def fits(self) -> NDArray[np.bool_]:
-        """Mask [N] of the samples to choose parameters by; residuals are of the others."""
+        """Mask [N] of the samples to which models are fitted; the others give residuals."""
         rows, columns = (places // _BLOCK for places in self.places)
         return np.asarray((rows + columns) % 2 == 0)
 
@@ -292,13 +292,13 @@ def steepness(light: NDArray[Any]) -> NDArray[Any]:
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
-    """Mask [H, W] of every other block, as on a chessboard, with sides of ``side`` px."""
+    """Mask [H, W] of every other block, as on a chessboard; `side` px is the side of a block."""
     rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
     return np.asarray(rows[:, None] == columns)
 
 
-def sums_of_squares(values: NDArray[Any], side: int) -> NDArray[Any]:
-    """Sums [h, w] of values [H, W] over squares with sides of ``side`` px."""
+def block_sums(values: NDArray[Any], side: int) -> NDArray[Any]:
+    """Sums [h, w] of values [H, W] over blocks with sides of ``side`` px."""
     rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
 

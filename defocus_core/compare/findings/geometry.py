@@ -1,4 +1,4 @@
-"""Causes other than changed values: another file, mirroring, turns, crop, shift, scale."""
+"""Causes: B is another file, or A mirrored, turned, cropped, shifted or scaled."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     steepness,
-    sums_of_squares,
+    block_sums,
 )
 from defocus_core.compare.selection import widened
 
@@ -27,7 +27,7 @@ _Plane = NDArray[np.float64]  # [h, w]
 _Kernel = Callable[[Any], Any]  # weights by distances, in units of its size
 _Way = tuple[tuple[int, int], tuple[_Kernel, _Kernel]]  # rows and columns; filters
 _LEAST, _MARGIN = 28, 8  # px on a side of the frame, and of its border that is ignored
-_SIGMAS, _SQUARE = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of parts
+_SIGMAS, _SIDE = (0.6, 1.2, 2.4, 4.8), 16  # px of gaussians; px on a side of blocks
 _RINGS = 48  # frequencies of a response
 _SMOOTH = 0.06  # cycles per px down, below which rows show the response across
 _FACTORS = np.geomspace(1.03, 6, 200)  # of size
@@ -99,7 +99,7 @@ class _Frame:
         sides: A and B.
         shown: the same on the scale of `Evidence.scaled`.
         steady: mask [h, w] of pixels with none nearby that may be clipped by an integer type.
-        chooses: mask [h, w] of pixels to choose parameters by; residuals are of the others.
+        chooses: mask [h, w] of pixels to which models are fitted; residuals are of the others.
     """
 
     def __init__(self, evidence: Evidence, *, is_light: bool) -> None:
@@ -195,7 +195,7 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
         return
     frames = [_Frame(evidence, is_light=light) for light in {True, evidence.is_linear}]
     frame = min(frames, key=lambda each: each.filtered[0])  # programs filter light or codes
-    yield from _filtered_in_squares(frame)
+    yield from _filtered_in_blocks(frame)
     if not all(name.endswith("A") for name in evidence.names):  # soft edges tell no size
         yield _resized(frame)
 
@@ -204,7 +204,7 @@ def _resized(frame: _Frame) -> Explanation:
     """B is A reduced and enlarged again; reduced by a filter or by leaving pixels out."""
     (height, width), (a, b) = frame.evidence.size, frame.shown
     inner = (slice(_MARGIN, -_MARGIN),) * 2
-    parts = sums_of_squares((np.square(b - a) * frame.steady)[inner], _PROBE)
+    parts = block_sums((np.square(b - a) * frame.steady)[inner], _PROBE)
     most = np.unravel_index(int(parts.argmax()), parts.shape)  # the part that tells most
     firsts = [int(k) * _PROBE + _MARGIN for k in most]
     ends = zip(firsts, b.shape, strict=True)
@@ -269,15 +269,14 @@ def _through_size(
     return np.asarray(made)
 
 
-def _filtered_in_squares(frame: _Frame) -> Iterator[Explanation]:
-    """B is a blurred A, or A is a blurred B, by a different amount in each square.
+def _filtered_in_blocks(frame: _Frame) -> Iterator[Explanation]:
+    """B is a blurred A, or A is a blurred B, by a different amount in each block.
 
-    The blur of a square is a sum of gaussians, by least squares at the pixels of `chooses`.
+    The blur of a block is a sum of gaussians, by least squares at the pixels of `chooses`.
     """
     (a, b), slope, smooth = frame.sides, frame.slope, frame.smooth
     old, new = (
-        sums_of_squares(np.square(v - s[2]), _SQUARE)
-        for v, s in zip(frame.sides, smooth, strict=True)
+        block_sums(np.square(v - s[2]), _SIDE) for v, s in zip(frame.sides, smooth, strict=True)
     )
     softer = _filled(new < old, a)
     columns = [np.where(softer, x - a, b - y) * slope for x, y in zip(*smooth, strict=True)]
@@ -287,13 +286,13 @@ def _filtered_in_squares(frame: _Frame) -> Iterator[Explanation]:
     if lost < 0.5 and not frame.is_sharper:
         return
     products = [[x * y * frame.chooses for x in columns] for y in (*columns, aim)]
-    sums = np.array([[sums_of_squares(x, _SQUARE) for x in row] for row in products])
+    sums = np.array([[block_sums(x, _SIDE) for x in row] for row in products])
     square, sums = np.moveaxis(sums[:-1], (0, 1), (-2, -1)), np.moveaxis(sums[-1], 0, -1)
     scale = np.trace(square, axis1=-2, axis2=-1)
     ridge = (1e-3 * (scale + scale.mean()) + 1e-30)[..., None, None] * np.eye(len(columns))
     solved = np.linalg.solve(square + ridge, sums[..., None])[..., 0]
     change = sum(_filled(solved[..., k], a) * x for k, x in enumerate(columns))
-    spread = float((sums_of_squares(energy, _SQUARE) * (solved @ np.square(_SIGMAS))).sum())
+    spread = float((block_sums(energy, _SIDE) * (solved @ np.square(_SIGMAS))).sum())
     radius = 2 * math.sqrt(abs(spread) / max(float(energy.sum()), 1e-300))
     names = ("softer", "sharper") if lost >= 0.5 else ("sharper", "softer")
     two_ways = 1 - _ONE_WAY < lost < _ONE_WAY
@@ -305,6 +304,6 @@ def _filtered_in_squares(frame: _Frame) -> Iterator[Explanation]:
 
 
 def _filled(values: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
-    """A map of the size of `like`, where all pixels of a square have the value of the square."""
-    every = np.repeat(np.repeat(values, _SQUARE, axis=0), _SQUARE, axis=1)
+    """A map of the size of `like`, where all pixels of a block have the value of the block."""
+    every = np.repeat(np.repeat(values, _SIDE, axis=0), _SIDE, axis=1)
     return every[: like.shape[0], : like.shape[1]]

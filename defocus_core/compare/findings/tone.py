@@ -75,7 +75,7 @@ def _ends(pixels: Pixels, side: int, names: Sequence[str]) -> tuple[float, float
 
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
-    """The finding of channels that are 0 everywhere in B alone; needs no `Evidence`."""
+    """The finding of channels that are 0 everywhere in B, but not in A; needs no `Evidence`."""
     zero, (old, new) = (0.0, 0.0), pixels.ranges
     lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:

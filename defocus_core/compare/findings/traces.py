@@ -9,12 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import (
-    Evidence,
-    Explanation,
-    blocks_in_turn,
-    sums_of_squares,
-)
+from defocus_core.compare.findings.evidence import Evidence, Explanation, blocks_in_turn, block_sums
 from defocus_core.system.text import counted
 
 _LEAST_TILE = 8  # px
@@ -93,7 +88,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         return math.sqrt(float(rest / power[~turn].sum()))
 
     for side in (side for side in _TILES if side <= min(a.shape)):
-        parts = sums_of_squares(power, side)
+        parts = block_sums(power, side)
         spread = parts.sum() ** 2 >= _FEW_TILES * parts.size * np.square(parts).sum()
         on_grid = left(side, 0) if spread else math.inf
         apart = evidence.explained(on_grid) > _EXACT
@@ -112,12 +107,12 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
         return
     power = max(float(np.square(change).sum()), 1e-300)
     # A codec keeps the means of blocks, also of colour.
-    tint = [sums_of_squares(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
+    tint = [block_sums(each - change, _DCT) / _DCT for each in sides[1] - sides[0]]
     tinted = float(np.square(tint).sum()) / (len(tint) * power)
     ways: list[tuple[float, str]] = []
     loses = [codec.startswith(("DWA", "B44")) for codec in evidence.codecs] == [False, True]
     if loses and power < _MOST_LOST**2 * change.size:
-        means = float(np.square(sums_of_squares(change, _DCT) / _DCT).sum())
+        means = float(np.square(block_sums(change, _DCT) / _DCT).sum())
         by = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"
         ways.append((means / power, by))
     on_grid, off_grid = (

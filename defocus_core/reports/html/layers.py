@@ -222,7 +222,7 @@ def _difference(
 
 
 def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
-    """The layers of the readable files of a pair; and the difference that is shown hottest.
+    """The layers of the readable files of a pair; and the difference drawn in the hottest colour.
 
     `values`: whether layers have values, not thumbnails alone.
     """
@@ -246,7 +246,7 @@ def _read(path: Path | None) -> DecodedPicture | None:
 def _pair(
     a: DecodedPicture | None, b: DecodedPicture | None, record: Comparison, title: str
 ) -> tuple[list[Drawn], float]:
-    """The layers A, B and difference, if they exist; and the difference that is shown hottest."""
+    """The layers A, B and difference, if any; and the difference drawn in the hottest colour."""
     sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
     names = [n for n in sides[-1][2].planes if all(n in each.planes for _, _, each in sides)]
     if not names:
@@ -261,7 +261,7 @@ def _pair(
 
 
 def difference_of(a: Drawn, b: Drawn) -> tuple[list[Drawn], float]:
-    """The layer of the difference, if it is not 0; and the difference that is shown hottest."""
+    """The layer of the difference, if not 0; and the difference drawn in the hottest colour."""
     greatest = _greatest(a.planes, b.planes)
     full = _full(greatest)
     if not full:
@@ -283,7 +283,7 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The difference that is shown hottest: a power of 2 that few pixels exceed, or 0."""
+    """The difference drawn in the hottest colour: a power of 2 that few pixels exceed, or 0."""
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0

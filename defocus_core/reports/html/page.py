@@ -167,7 +167,7 @@ def _fitting(costs: Sequence[int], room: int) -> tuple[set[int], int]:
 
 
 def _kept(layers: Sequence[Layer], *, thumbnail: bool, values: bool) -> list[Layer]:
-    """The layers with only thumbnails or values, or both; without layers that have neither."""
+    """The layers with thumbnails, values or both, as asked; those with neither are left out."""
     kept = (
         replace(
             layer,

@@ -61,7 +61,7 @@ def of_map(plane: NDArray[Any], value_range: tuple[float, float]) -> bytes:
 def of_difference(greatest: NDArray[Any], full: float) -> bytes:
     """A JPEG of the worst difference in each block, in heat colours; NaN and Inf are magenta.
 
-    `full`: the difference that is shown hottest.
+    `full`: the difference drawn in the hottest colour.
     """
     with np.errstate(all="ignore"):
         share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
