@@ -368,7 +368,7 @@ def noise(text: str) -> tuple[float, float] | str:
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Parse threshold and gain of lights: ``0.93:8``, or ``auto`` for a default; None for ``off``."""
+    """Parse threshold and gain of lights: ``0.93:8``, or ``auto``, a default; None for ``off``."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 

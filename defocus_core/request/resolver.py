@@ -361,7 +361,7 @@ def reading_of(*layers: Layer) -> Reading:
 
 
 def _possible(value: Any) -> Sequence[Any]:
-    """The value itself; of a distribution, its values or both ends, or nothing if in percentiles."""
+    """The value itself; of a distribution, its values or both ends, nothing if in percentiles."""
     kind = getattr(value, "kind", None)
     return (value,) if kind is None else () if kind == "percentile" else value.values
 

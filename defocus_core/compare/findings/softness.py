@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from defocus_core.compare.findings.evidence import (
     Evidence,
     Explanation,
+    block_sums,
     blocks_in_turn,
     steepness,
-    block_sums,
 )
 from defocus_core.compare.selection import widened
 

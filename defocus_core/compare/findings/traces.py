@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Evidence, Explanation, blocks_in_turn, block_sums
+from defocus_core.compare.findings.evidence import Evidence, Explanation, block_sums, blocks_in_turn
 from defocus_core.system.text import counted
 
 _LEAST_TILE = 8  # px
