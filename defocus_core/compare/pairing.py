@@ -106,7 +106,7 @@ def _pictures(folder: Path) -> dict[str, Path]:
 
 
 def partners(path: Path) -> Iterator[tuple[str, Path]]:
-    """The files beside a file of A that B may be instead, as (name of the finding, file).
+    """The files beside A of which B may be a copy, as (name of the finding, file).
 
     They are the other view, other pictures of the sample, and the frames before and after.
     """

@@ -83,7 +83,7 @@ class Layers:
         )
 
     def _samples(self, names: tuple[str, ...]) -> DeepSamples:
-        """The samples of all layers with alpha above 0.
+        """The samples with alpha above 0, of all layers.
 
         `names` are those of the light planes, then alpha.
         """
@@ -99,7 +99,7 @@ class Layers:
         return DeepSamples(window, pixel, rank, dict(zip((*names, DEPTH), values, strict=True)))
 
     def hold_out(self, holdout: Layers, black: Any) -> Layers:
-        """These layers joined with those of a holdout, which hide what is behind and have no light.
+        """These layers and those of a holdout; the latter hide what is behind them, without light.
 
         `black` is a plane [H, W] of zeros. Alpha of the picture becomes the last plane of light.
         """

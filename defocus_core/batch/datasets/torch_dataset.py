@@ -110,7 +110,7 @@ class BatchDataset(Dataset[Item]):
         self._times_read[-1] = epoch
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state to pickle for processes of a loader, which do not know the distributed rank."""
+        """The state to pickle, with the distributed rank, which loader processes do not know."""
         return self.__dict__ | {"_rank": self._rank or _rank()}
 
     def __len__(self) -> int:

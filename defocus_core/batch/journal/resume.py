@@ -210,7 +210,7 @@ def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> tuple[str | None,
 
 
 def _changed(job: Job, record: Record) -> str:
-    """The reason to do a job again that is known from its record: a key of `AGAIN`, or empty."""
+    """Why a job must be done again, if its record alone tells: a key of `AGAIN`; else empty."""
     if record.status == "failed":
         return "failed"
     if record.recipe == recipe(job):

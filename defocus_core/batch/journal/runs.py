@@ -97,7 +97,7 @@ def is_held_by(out: Path, words: str) -> bool:
 
 @contextmanager
 def _held(path: Path) -> Iterator[int]:
-    """Lock a file during the block and yield its descriptor; InputError names another holder."""
+    """Lock a file during the block and yield its descriptor; fails if another process holds it."""
     end = time.monotonic() + PATIENCE
     try:
         while (number := _try_lock(path)) is None:

@@ -167,7 +167,7 @@ def _by_lens(finding: Finding, a: DecodedPicture, b: DecodedPicture) -> Finding:
 
 
 def _others(path: Path, *, as_light: bool) -> dict[str, Mapping[str, Any]]:
-    """Decoded channels of the files beside A that B may be, by the name of the finding."""
+    """Channels of files beside A of which B may be a copy, by the name of the finding."""
     others: dict[str, Mapping[str, Any]] = {}
     for name, file in partners(path):
         with suppress(InputError):  # it is compared as a pair of its own

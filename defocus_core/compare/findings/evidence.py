@@ -59,7 +59,7 @@ class Evidence:
     Attributes:
         names: the channels that differ.
         types: number types of B.
-        others: channels of the files beside A that B may be, by the name of the finding.
+        others: channels of files beside A of which B may be a copy, by the name of the finding.
         codecs: compression of the files of A and of B.
         is_light: whether a channel that differs is colour.
         is_small: whether there are so few pixels that explaining half of them may be chance.

@@ -68,8 +68,8 @@ def cropped(evidence: Evidence) -> Iterator[Explanation]:
 def moved(evidence: Evidence) -> Iterator[Explanation]:
     """B is A moved by whole or fractional px, and enlarged; pixels from outside A are ignored.
 
-    A move is three numbers in px: down, right, and outwards from the centre, as measured half the
-    longer side from it. Fractions of px are found by Gauss-Newton steps (Lucas and Kanade, 1981).
+    A move is three numbers in px: down, right, and, half the longer side away from the centre,
+    outwards. Fractions of px are found by Gauss-Newton steps (Lucas and Kanade, 1981).
     """
     names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
     few = np.flatnonzero(evidence.fits)

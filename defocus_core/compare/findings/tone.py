@@ -192,7 +192,7 @@ def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def radial(evidence: Evidence) -> Iterator[Explanation]:
-    """Depth along rays instead of along the axis, or the reverse."""
+    """B is depth along rays where A is depth along the axis, or the reverse."""
     if evidence.pixels.color or len(evidence.names) != 1:
         return
     (height, width), (rows, columns) = evidence.size, evidence.places
@@ -209,7 +209,7 @@ def radial(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
-    """Colour divided by its alpha, or multiplied once more."""
+    """B is A with colour divided by alpha, or multiplied by it once more."""
     alphas = [name[: -len(name.split(".")[-1])] + "A" for name in evidence.names]
     if not all(a in evidence.pixels.names and a not in evidence.names for a in alphas):
         return
