@@ -54,9 +54,7 @@ class Device(NamedTuple):
     there: Callable[[Tensor], Tensor]  # takes a tensor to it
     here: Callable[[Tensor], Tensor]  # takes a tensor of it to the CPU
     known: Callable[[], AbstractContextManager[None]]  # where it is known
-    within: (
-        float  # greatest difference from pictures of the CPU, by rounding
-    )
+    within: float  # greatest difference from pictures of the CPU, by rounding
 
 
 PRETENDED = Device(NAME, there, here, elsewhere, 2e-6)
