@@ -72,7 +72,7 @@ def render(
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
         signed_radius: [B, 1, H, W], [B, H, W] or [H, W], px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: "standard", "high" or "reference": spacing of slices, parts of the aperture.
+        quality: "standard", "high" or "reference": each has denser slices and takes longer.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the slice radii of the quality.

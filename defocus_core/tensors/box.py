@@ -1,8 +1,8 @@
 """Rectangles of pixels, spans of rows or columns, and the fixed grid of tiles and regions.
 
 The grid depends only on the size of the frame and the side of a tile, so that a pixel is computed
-in the same way whichever outputs are asked for. A slice is computed for a tile only if one of its
-pixels is no farther from the tile than the blur radius of the slice.
+in the same way whichever outputs are asked for. A slice is computed for a tile only if a pixel of
+the slice is no farther from the tile than the slice's blur radius.
 """
 
 from __future__ import annotations

@@ -249,7 +249,7 @@ class _Lamps(NamedTuple):
 
 
 def _rim(frame: _LightFrame, blobs: _SmallBlobs, level: float) -> Tensor:
-    """Sums over the rims of m blobs: pixels, brightness, weight and weighted light [3 + C, m].
+    """Sums over the rims of m blobs: [3 + C, m], pixel count, brightness, weight, weighted light.
 
     Each is the mean of two sums, over pixels to the left and right of the blob and over pixels
     above and below it, so that a picture turned by 90 degrees has the same sums. Pixels of a rim

@@ -1,7 +1,7 @@
 """Pictures at half resolution, symmetric about the middle of the frame, and their interpolation.
 
-Halving a mirrored picture gives the mirrored halved picture, and halving a part of a frame gives
-the same pixels as halving the whole frame. Along an axis of even length, a coarse pixel is made of
+Halving a mirrored picture gives the mirrored halved picture, and halving a rectangle of a frame
+gives the same pixels as halving the frame. Along an axis of even length, a coarse pixel is made of
 two pixels; along an axis of odd length, of every second pixel and half of each of its neighbours.
 Interpolation is cubic where the picture is smooth, and linear elsewhere.
 """
@@ -26,8 +26,8 @@ class Axis(NamedTuple):
 def position_of(pixel: float, fine: Axis, coarse: Axis, level: int) -> float:
     """The position of a pixel along one axis, as a fractional index of coarse pixels.
 
-    `fine`, `coarse`: the middle of the frame among pixels and among coarse pixels; `level`: number
-    of halvings.
+    `fine`, `coarse`: the middle of the frame, in pixels and in coarse pixels; `level`: number of
+    halvings.
     """
     offset = 0.0 if fine.odd else 0.5
     return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << level)
@@ -110,16 +110,17 @@ def averaged(
 
 def upsampled(
     coarse: Tensor,  # [..., h, w]
-    read: Box,  # of the coarse pixels
+    read: Box,
     box: Box,
-    axes: tuple[tuple[Axis, Axis], tuple[Axis, Axis]],  # among pixels, and among coarse pixels
+    axes: tuple[tuple[Axis, Axis], tuple[Axis, Axis]],
     level: int,
     *,
     cubic: bool = False,
 ) -> Tensor:
     """The pixels [..., H, W] of a box, interpolated between coarse pixels.
 
-    `cubic`: by cubics (Keys 1981, a = -1/2); else linearly, without overshoot.
+    `read`: where the coarse pixels lie; `axes`: the middle of the frame, in pixels and in coarse
+    pixels; `level`: number of halvings; `cubic`: by cubics (Keys 1981, a = -1/2), else linearly.
     """
     indices, reach = coarse.new_empty(0, dtype=torch.long), 2 if cubic else 1
     for dim in (1, 0):
@@ -161,8 +162,8 @@ def coarse_neighbours(
 def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:
     """The box of the coarse pixels that are read to interpolate the pixels in `box`.
 
-    `fine`, `coarse`: the middle of the frame among pixels and among coarse pixels; `level`: number
-    of halvings.
+    `fine`, `coarse`: the middle of the frame, in pixels and in coarse pixels; `level`: number of
+    halvings.
     """
     first, end = [], []
     for d, axes in enumerate(zip(fine, coarse, strict=True)):

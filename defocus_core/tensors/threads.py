@@ -126,7 +126,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
-    """`work`, whose tensors are not kept for the backward pass, but computed again by it.
+    """`work`, whose tensors are not kept for the backward pass, but computed again in it.
 
     The backward pass then holds the tensors of one piece of work at a time (Chen et al. 2016). If
     gradients are disabled, it is `work` itself.
@@ -148,14 +148,14 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
 
 
 def refuse_second_derivatives(gradient: Tensor) -> None:
-    """Raise ValueError in a backward pass with create_graph=True; a hook of rendered tensors."""
+    """As a hook of rendered tensors, raise ValueError in a backward pass with create_graph=True."""
     if torch.is_grad_enabled():
         problem = "what is rendered has no second derivatives"
         raise ValueError(f"create_graph must be False, got True; {problem}")
 
 
 def recorded_for(*given: object) -> AbstractContextManager[None]:
-    """Enable gradients if the caller has, and a given tensor or option requires a gradient."""
+    """Enable gradients if the caller has enabled them, and a tensor or an option requires one."""
     return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))
 
 

@@ -1,6 +1,6 @@
 """Choices and thresholds whose results and gradients do not depend on rounding.
 
-Differences of quantised depth are often round numbers of px: `off_round` moves thresholds beside
+Differences of quantised depth are often round numbers of px: `off_round` moves thresholds off
 them. Values that differ only by rounding count as equal, whatever the order of sums, the device or
 the tile; where two values are equal, the gradient is that of both, or of the intended one.
 """

@@ -14,7 +14,7 @@ from defocus_core.tensors.later import Tensor, torch
 
 
 class ViewTensors(NamedTuple):
-    """The views of a picture, of a part of a picture, or of a batch of pictures.
+    """The views of a picture, of a rectangle of a picture, or of a batch of pictures.
 
     Attributes:
         images: The centre image, or the centre, left and right images, each [..., C, h, w].
@@ -63,7 +63,7 @@ class ViewTensors(NamedTuple):
 
 
 def assemble(parts: Sequence[ViewTensors]) -> ViewTensors:
-    """The views of a whole picture, joined from parts, row by row and each from left to right.
+    """The views of a whole picture, joined from those of regions, in rows from left to right.
 
     Each image has memory of its own, so that keeping one does not keep the others.
     """

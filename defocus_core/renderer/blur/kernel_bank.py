@@ -36,7 +36,7 @@ def reach(radius: float, limit: int) -> int:
 
 
 def _transform_lengths(limit: int) -> list[int]:
-    """Multiples of 16 of the form 2^a 3^b 5^c 7^d with b <= 2 and c, d <= 1.
+    """Multiples of 16, up to 2 `limit`, of the form 2^a 3^b 5^c 7^d with b <= 2 and c, d <= 1.
 
     Transforms of these lengths are up to 1.6 times as fast per sample as transforms of similar
     length.
@@ -118,9 +118,9 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
 def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
     """The lens point u that sends light to each pixel of a kernel: [2, S, S], x then y.
 
-    u is offset / r, reduced because kernels sampled by area are 1/12 px² wider: the mean of u times
-    offset is r / 4, as over a round pupil, and less along a squeezed axis. u is at most 1 long, so
-    that a tilted kernel is never negative.
+    u is offset / r, slightly reduced, as sampling by area adds 1/12 px² to the second moment: the
+    mean of u times offset is r / 4, as over a round pupil, and less along a squeezed axis. u is at
+    most 1 long, so that a tilted kernel is never negative.
     """
     offset = torch.arange(-extent, extent + 1, dtype=radius.dtype)
     across, down = (
@@ -137,8 +137,8 @@ def blurred(
     """Blurred pixels [M, C + 1, ..., h, w] in a box of the transform's window.
 
     `terms`: pairs of the spectrum of pixels [C + 1, ...] and the spectra of kernels [M, 1, ...],
-    whose products are summed; `groups`: parts that are computed at once; `window`: (height, width)
-    of the transform.
+    whose products are summed; `groups`: ranges of parts, each computed at once; `window`: (height,
+    width) of the transform.
     """
     every = [slice(None)] if launches_cost(terms[0][0].device) else groups
     # on a CPU how many parts are computed together may change the last digits
@@ -268,22 +268,22 @@ class TransformWindow:
 
 
 def transform_windows(
-    radii: tuple[float, ...],  # radii of the slices in px
+    radii: tuple[float, ...],
     spreads: list[Spread],
     layers: list[int],
     side: tuple[int, int],
     region: tuple[int, int],
     aperture: Aperture,
     parts: list[Part],
-    like: Tensor,  # of the dtype and device of spectra
+    like: Tensor,
     stride: int,
 ) -> list[TransformWindow]:
     """The transform window of each slice; the slices of a layer share a window.
 
-    `layers`: for each slice, the number of its layer; `side`: (height, width) in px of a tile,
-    which is blurred at once at full resolution; `region`: (height, width) in px of a region, which
-    is blurred at once at reduced resolution; `stride`: 1 if every slice is used, 2 for every other
-    slice.
+    `radii`: of the slices, in px; `layers`: for each slice, the number of its layer; `side`:
+    (height, width) in px of a tile, which is blurred at once at full resolution; `region`: the same
+    of a region, which is blurred at once at reduced resolution; `like`: a tensor of the dtype and
+    device of spectra; `stride`: 1 if every slice is used, 2 for every other slice.
     """
     sharing: dict[int, list[int]] = {}
     for k, slice_index in enumerate(layers):

@@ -96,7 +96,7 @@ class Reduced:
 
 
 class ShownLayer(NamedTuple):
-    """One layer as it is shown in one tile."""
+    """A blurred layer in one tile, as seen through each of M parts of the aperture."""
 
     layer: Tensor  # [M, C + 1, h, w]
     # [m, C, h, w], sub-pixel shifts to add to the colours of left and right; None for no shifts

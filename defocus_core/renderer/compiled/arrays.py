@@ -45,7 +45,7 @@ class Statistics(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """The light, a power of 2, that is scaled to 1 so that float32 holds all light squared."""
+        """A power of 2 by which light is divided, so that its squares fit into float32."""
         return 2.0 ** math.floor(math.log2(self.limit)) if self.limit > 0 else 1.0
 
 
@@ -102,7 +102,7 @@ def rendered_alone(
 
 
 def _is_cut(radius: NDArray[np.float32]) -> bool:
-    """Whether light reaches the frame from farther away than the frame is continued.
+    """Whether blur at the border of the frame reaches farther than the frame is continued.
 
     `radius`: signed radii [H, W] px.
     """
@@ -152,12 +152,12 @@ def samples_of(
 ) -> Samples:
     """The surfaces of a picture [3, H, W] without highlights, with signed radii [H, W] px."""
     unit, edges = statistics.unit, statistics.edges
-    light = _few((1 + edges, radius.shape[0], 4 * radius.shape[1]))
+    light = _zeros((1 + edges, radius.shape[0], 4 * radius.shape[1]))
     scale, limit = np.float32(1 / unit), statistics.limit / unit
     set_light(image, scale, light[0])
     radii = radius[None]
     if edges:
-        radii = _few((2, *radius.shape))
+        radii = _zeros((2, *radius.shape))
         radii[0] = radius
         if not split_mixed((image, scale, np.float32(limit), radius), light, radii):
             light, radii = light[:1], radii[:1]
@@ -165,8 +165,8 @@ def samples_of(
     return samples._replace(hidden=hidden_of(samples, limit)) if edges else samples
 
 
-def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Zeros in small memory pages, which are allocated when written; NumPy takes huge pages."""
+def _zeros(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Zeros in small memory pages, allocated when they are written; NumPy allocates huge pages."""
     if math.prod(shape) < _MANY:
         return np.zeros(shape, np.float32)
     private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)

@@ -43,9 +43,10 @@ class BandInputs(NamedTuple):
 
 @compiled
 def _take_all(surfaces, reduced, shares, left, y, room, coarse):
-    """Write row y of all layers to `room.sums`.
+    """Write row y of all layers, also those blurred at reduced resolution, to `room.sums`.
 
-    shares: as in `Opening`; left: the left half's share of the aperture; coarse: [4, W] scratch.
+    surfaces: `SlotSurfaces`; reduced: `CoarseLayers`; shares: as in `Opening`; left: the left
+    half's share of the aperture; room: `Room`; coarse: [4, W] scratch.
     """
     take_rows(room, y)
     add_points(surfaces, y, shares, room)

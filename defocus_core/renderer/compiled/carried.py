@@ -63,7 +63,7 @@ def carries_settings(settings: Settings) -> bool:
         and settings.tile is None
         and settings.cat_eye is None
         and _has_halves(settings.dual_pixel)
-        and _is_even(settings.aperture)
+        and _is_uniform(settings.aperture)
         and available()
     )
 
@@ -109,8 +109,8 @@ def by_loops(surface: Surface) -> bool:
     return len(surface.image) == CHANNELS and surface.matte is None
 
 
-def _is_even(aperture: Aperture) -> bool:
-    """Whether the light of an opening is even, and each of its rows is a single span."""
+def _is_uniform(aperture: Aperture) -> bool:
+    """Whether an opening has the same light everywhere, and each of its rows is a single span."""
     spherical = aperture.spherical
     even = not isinstance(spherical, Tensor) and spherical == 0 and aperture.psf_type == "pillbox"
     return even and has_spans(aperture.outline)

@@ -57,7 +57,7 @@ def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int6
 
 @compiled
 def add_behind(front, layer, first, last, invented, sight, needed):
-    """Composite a layer [4, W] behind the row `front` [5, W] where the lens sees that far.
+    """Composite a layer [4, W] behind the row `front` [5, W] where `sight` reaches the layer.
 
     first, last: its first and last pixel; invented: 1 for an invented layer, else 0; sight: [W] the
     farthest slot seen, empty if sight is not limited; needed: the least sight at which the layer
@@ -82,11 +82,11 @@ def add_behind(front, layer, first, last, invented, sight, needed):
 
 @compiled
 def set_aside(front, covered, before, aside):
-    """Move the row with all layers nearer than focus to `aside`, and go on without these.
+    """Move the row, which holds all layers nearer than focus, to `aside`, and begin a new one.
 
-    covered: [W] coverage by visible layers nearer than focus; before: [W] coverage before hidden
-    layers nearer than focus were added; aside: [6, W] the row, then the coverage that the new row
-    begins with.
+    covered: [W] coverage by visible layers nearer than focus; before: [W] coverage of the row
+    before hidden layers nearer than focus were added; aside: [6, W], the five channels of the row,
+    then the coverage with which the new row begins.
     """
     for x in range(front.shape[1]):
         near = covered[x] + front[3, x] - before[x]
@@ -135,9 +135,9 @@ def put_together(front, aside):
 def composite_row(steps, rows, ends, sides, sight, needed, front, room):
     """Composite a row of all layers, `rows` [slots, 4, W], into `front` [5, W].
 
-    steps: from `order_of`; ends: [2, slots] first and last pixel of each layer that is not 0, or
-    -1; sides: [slots] side of focus of hidden octaves, -1 to 1, and 2 for others; sight: [W] or
-    empty, and needed: [slots], as for `add_behind`; room: [3, 6, W] scratch.
+    steps: from `order_of`; ends: [2, slots] first and last pixel of each layer where it is not 0,
+    or -1 if it is empty; sides: [slots] from `Slots.sides`; sight: [W] or empty, and needed:
+    [slots], as for `add_behind`; room: [3, 6, W] scratch.
     """
     front[:] = 0
     covered, before, aside, whole = room[0, 0], room[0, 1], room[1], room[2]
@@ -166,8 +166,8 @@ def composite_row(steps, rows, ends, sides, sight, needed, front, room):
 def _whole_hidden(rows, ends, sides, sight, needed, whole, room):
     """Write all hidden octaves to `whole` as one layer; return whether there are any.
 
-    The octaves on one side of focus are summed; nearer sides cover farther ones. rows to needed: as
-    for `composite_row`; whole, room: [6, W], room is scratch.
+    The octaves on one side of focus are summed; nearer sides cover farther ones. whole: [6, W];
+    room: [6, W] scratch; all others as for `composite_row`.
     """
     found = False
     whole[:] = 0

@@ -105,9 +105,9 @@ def _least_of(radius, i, j, odd, before):
 def read_level(levels, n, y, x, around, border, ceiling):
     """The mean, around (y, x) in px, of surfaces on level `n` with radii from border to ceiling.
 
-    around: distance in px of the points on each side that are averaged; 0 for (y, x) alone. Returns
-    three colours, the radius, three values of the structure tensor (0 if unknown), all times the
-    weight, and the weight.
+    around: px in rows and in columns from (y, x) to the four points that are averaged, or 0.
+    Returns three colours, the radius, three values of the structure tensor (0 if unknown), all
+    times the weight, and the weight.
     """
     values, limits = levels.values, levels.limits
     start, height, width = levels.size[n, 0], levels.size[n, 1], levels.size[n, 2]
@@ -181,7 +181,7 @@ def _first_beyond(half, i, j, y, x, border):
 def _transport(half, i, j, border, smooth, tensor):
     """The three colours of coarse pixel (i, j), carried along the direction of least change.
 
-    half: `Levels` of half resolution; border: radius that the colours' surface exceeds; smooth:
+    half: `Levels` of half resolution; border: only surfaces of a greater radius are read; smooth:
     colours and radius of the smooth continuation, used where there is no clear direction; tensor:
     structure tensor xx, xy, yy.
     """

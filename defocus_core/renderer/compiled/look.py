@@ -122,7 +122,7 @@ def _is_noisy(radius):
 
 @compiled
 def _is_quantised(radius):
-    """Whether radii may be quantised, to more than 32 levels with small steps between them."""
+    """Whether radii may be quantised: most steps are 0 or small, and there are over 32 levels."""
     height, width = radius.shape
     for axis in range(2):
         dy, dx = (1, 0) if axis else (0, 1)
@@ -160,7 +160,8 @@ def _is_quantised(radius):
 def _steepness(radius, y, x):
     """The slope of a ramp at pixel (y, x), see `depth/ramps.py`.
 
-    It is the smaller of two successive steps of the same sign, or 0; the greater of both axes.
+    Along an axis it is the smaller of two successive steps of the same sign, or 0 if their signs
+    differ. The greater slope of both axes counts.
     """
     height, width = radius.shape
     slope = F32(0)
@@ -175,7 +176,7 @@ def _steepness(radius, y, x):
 
 @compiled
 def _has_no_ramps(radius, steep):
-    """Whether no ramp is several px wide and long, and steep slopes are rare beside hard edges.
+    """Whether no ramp is several px wide and long, and steep pixels are far fewer than hard edges.
 
     steep: slope in px per px above which pixels belong to a ramp.
     """

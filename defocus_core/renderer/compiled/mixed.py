@@ -75,7 +75,7 @@ def _side_of(colors, radii, weight, side):
 
 @compiled
 def _thin_side(square, s, sides, room):
-    """Write side `s` (0 is the nearer one) of an edge, where all pixels of this side are mixed.
+    """Write side `s` (0 is the nearer one) of an edge that has only mixed pixels on this side.
 
     Its colour is that of the pixels which differ most from the other side. square: from
     `_read_square`; sides: [2, 7]; room: [n] scratch. Returns the total weight of the pixels.

@@ -112,7 +112,7 @@ def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _chords(outline: Outline, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Where the rows of an opening at heights `y` (down) begin and end; equal outside of it.
+    """The x at which rows of an opening, at heights `y` (down), begin and end; equal outside.
 
     All are in units of the radius of the lens.
     """
@@ -179,7 +179,10 @@ def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
 
 
 def _near_focus(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The weight of the next larger disc of NEAR in the blur of each radius `r` px."""
+    """For each radius `r` px, which is blurred by a mean of two discs, the share of the larger one.
+
+    The two are those next to `r` of three discs: a point, and the radii of NEAR.
+    """
     rising = ((SOFT / NEAR[0]) * (r - SHARP) / (SOFT - SHARP)) ** 2
     first = np.where(r <= SHARP, 0.0, np.where(r < SOFT, rising, (r / NEAR[0]) ** 2))
     squares = [radius**2 for radius in NEAR]

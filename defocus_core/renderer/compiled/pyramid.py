@@ -38,7 +38,7 @@ class Levels(NamedTuple):
 def levels_for(coarse: Coarse, span: float) -> tuple[Levels, Levels]:
     """Empty levels: the level of half resolution, and all coarser ones.
 
-    `coarse`: coarse pixels of at least as many levels; `span`: greatest less least radius, in px.
+    `coarse`: the coarse pixels of all these levels; `span`: greatest minus least radius, in px.
     """
     most = 2
     while coarse.length[most].max() > 1 and 1 << most < WIDER * span:
@@ -62,11 +62,11 @@ def _room(coarse: Coarse, levels: range, count: int) -> Levels:
 
 @compiled
 def fill_levels(light, radius, limit, coarse, half, levels):
-    """Fill levels from a picture, without highlights and the parts that nearer surfaces cover.
+    """Fill levels from a picture, leaving out highlights and what nearer surfaces cover.
 
-    light: [n, H, 4 W], first of the surfaces at the depth of each pixel, then of nearer parts of
-    the same pixels; radius: [H, W] px; limit: brightness that a highlight exceeds; half, levels:
-    from `levels_for`.
+    light: [n, H, 4 W], first of the surface at the depth of each pixel, then of nearer surfaces
+    that cover a share of the pixel; radius: [H, W] px of the first; limit: brightness that a
+    highlight exceeds; half, levels: from `levels_for`.
     """
     height, width = radius.shape
     values, limits = np.empty((4 * width, 2, 4), F32), np.empty((4 * width, 2, 3), F32)
@@ -189,7 +189,7 @@ def _read_pixels(light, radius, limit, y, values, limits, at):
 def _read_structured(half, y, values, limits, at):
     """Write row `y` of the level of half resolution to `values` and `limits` from index `at` on.
 
-    The structure tensor of the farthest surface is added to its values.
+    Values 4 to 6 are the structure tensor xx, xy, yy of the farthest surface, 0 of the other one.
     """
     height, width = half.size[0, 1], half.size[0, 2]
     own, ends = half.values, half.limits

@@ -30,7 +30,7 @@ class CoarseLayers(NamedTuple):
 
 @entry
 def spread_reduced(surfaces, opening, room, reduced):
-    """Spread surfaces over their discs, into the slots of `reduced` with rows in `room`.
+    """Spread surfaces over their discs; write the slots that have rows in `room` to `reduced`.
 
     surfaces: `SlotSurfaces`; opening: `Opening`; room: `Room`; reduced: `CoarseLayers`.
     """
@@ -58,7 +58,7 @@ def spread_reduced(surfaces, opening, room, reduced):
 
 @compiled
 def _weights(position, cubic, weights):
-    """Write the weights of four coarse pixels around a position; return the index of the first."""
+    """Write cubic or linear weights of four coarse pixels at a position; return the first index."""
     below = np.floor(position)
     t = F32(position - below)
     u = F32(1) - t
@@ -109,7 +109,7 @@ def read_reduced(reduced, slot, y, room, row):
 def _read_across(reduced, slot, first, last, out, row):
     """Interpolate a row of coarse pixels horizontally to full resolution, into `out`.
 
-    first, last: coarse pixels that are not 0. Returns the first and the last px that are not 0.
+    first, last: the first and the last coarse pixel that is not 0. Returns the same for `out`.
     """
     width, step, cubic = reduced.place[slot, 1], reduced.place[slot, 2], reduced.cubic[slot]
     origin = reduced.place[slot, 4] / SUBPIXELS

@@ -1,7 +1,7 @@
 """Whether edges of depth may be displaced from edges of colour, by compiled loops.
 
-A sample of the profiles across silhouettes is examined as in `depth/displacement.py`, with the same
-constants. If the sample is not displaced, no edge counts as displaced.
+Some of the profiles across silhouettes are examined as in `depth/displacement.py`, with the same
+constants. If their median displacement is about 0, no edge counts as displaced.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ def _compare(colors, counts, likely, costs, told):
     """Write the cost of each displacement of an edge, judged by the colours along its profile.
 
     counts: pixels of the profile on both surfaces; likely: [2, 2 REACH + 1] scratch; costs: [17];
-    told: [2], sum and number of the votes of pixels far from the edge on whether their colours
-    agree with the depth, to which these votes are added.
+    told: [2], increased by the sum and the number of votes: pixels far from the edge vote on
+    whether their colours agree with the depth.
     """
     near, far = min(counts[0] / 2, DEEPEST), min(counts[1] / 2, DEEPEST)
     means, moments, deepest = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.empty(2)

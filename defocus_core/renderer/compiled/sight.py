@@ -19,8 +19,8 @@ F32 = np.float32
 def farthest_seen(light, radius, table):
     """The farthest slot [H, W] within the blur disc of each pixel.
 
-    light: [H, 4 W]; radius: [H, W] px; table: slots by radius, see `surfaces_of`. Surfaces count as
-    farther than they are by about half the distance between slices of the torch back.
+    light: [H, 4 W]; radius: [H, W] px; table: slots by radius, as for `surfaces_of`. Surfaces count
+    as farther than they are by about half the distance between slices of the torch back.
     """
     height, width = radius.shape
     seen, sizes = np.zeros((height, width), np.uint8), np.empty((height, width), np.int32)

@@ -48,7 +48,7 @@ class Slots(NamedTuple):
 
     @property
     def needed(self) -> NDArray[np.uint8]:
-        """For each slot, the slot up to which the lens must see for it to show.
+        """For each slot, the least `sight` (farthest slot that the lens sees) at which it shows.
 
         For a visible slot it is the slot itself, for an octave the first visible slot with radii of
         the octave.

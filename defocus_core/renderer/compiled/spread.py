@@ -28,7 +28,7 @@ class SurfaceRow(NamedTuple):
     radius: NDArray[np.float32]  # [n] px
     slot: NDArray[np.int16]  # [n], -1 where coverage is 0
     slope: NDArray[np.float32]  # [2, n] px per px, x and y
-    moved: NDArray[np.float32]  # [4 n] light that the left half has in addition
+    moved: NDArray[np.float32]  # [4 n] light to add to the left half
     work: NDArray[np.float32]  # [4, 4 n] to compute in
     before: int  # pixels before the first one of the frame
 
@@ -149,13 +149,13 @@ def add_span(pixels, a, width, begin, end, light, share):
 
 @compiled
 def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
-    """Spread one pixel over the rows that its disc reaches.
+    """Spread one pixel over the rows that its disc reaches; pixels: those of `Ring`.
 
-    light: its four channels; moved: what the left half has in addition; lean: its slopes x and y
-    divided by its radius; spans: see `Opening`; q: its radius in steps; place: column, row, first
-    row that its disc reaches, row after the last, and side of focus; to: first row of its slot in
-    the ring, number of these rows, views, and pixels in a row; half: area of the disc divided by
-    the area of its left half.
+    light: [4] of the pixel; moved: [4] light to add to the left half; lean: the slopes of the
+    radius along x and y, divided by the radius; spans: see `Opening`; q: the radius in steps;
+    place: column and row of the pixel, first row that the disc reaches, row after the last, and
+    side of focus; to: `start` and `rows` of the slot in `Ring`, and the `views` and `width` of
+    `Ring`; half: area of the disc divided by the area of its left half.
     """
     gx, gy = lean
     column, row, begin, end, side = place
@@ -194,8 +194,8 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
 def _run_of(line, j, n, scale, moves):
     """Copy n pixels from index `j` of a line on, times `scale`, to `line.work`.
 
-    The rows of `work` are light, light times slope down over radius, and moved light, if `moves`.
-    Returns whether any pixel has a slope down, and whether any has moved light.
+    Rows of `work`: light; light times slope along y, divided by radius; moved light, if `moves`.
+    Returns whether any pixel has a slope along y, and whether any has moved light.
     """
     c, cy, cm = line.work[0], line.work[1], line.work[2]
     sloping = moving = False
@@ -254,10 +254,10 @@ def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half):
 
 @compiled
 def _mark(ring, reached, y, band, before):
-    """Record in the ring which pixels a line reaches, for each slot.
+    """Record in the ring which pixels a line reaches, for each slot; then reset `reached`.
 
-    ring: `Ring`; reached: [slots, 3] first pixel of the line, pixel after the last, and radius in
-    px; then reset; y: row of the line; before: pixels of the line before the frame.
+    ring: `Ring`; reached: [slots, 3] first pixel of the line, pixel after the last, and greatest
+    radius in px; y: row of the line; before: pixels of the line before the frame.
     """
     for s in range(reached.shape[0]):
         if reached[s, 1] < 0:

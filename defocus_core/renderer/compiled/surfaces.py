@@ -21,14 +21,14 @@ _SMALL = SMALL**2
 
 
 class SlotSurfaces(NamedTuple):
-    """The surfaces at each pixel: first the surface at its depth, then parts of nearer ones."""
+    """The surfaces at each pixel: the one at its depth, then nearer ones that partly cover it."""
 
     light: NDArray[np.float32]  # [n, H, 4 W] three colours premultiplied by coverage, and coverage
     radius: NDArray[np.float32]  # [n, H, W] signed, in its own pixels
     slot: NDArray[np.int16]  # [n, H, W], -1 where coverage is 0
     # [2, H, W] slope of the radius of the first one, px per px, x and y; [2, 0, 0] if it is level
     slope: NDArray[np.float32]
-    # [H, 4 W] light that its left half has in addition, see `lost_shifts`; [0, 0] if none
+    # [H, 4 W] light to add to the left half of the first one, see `lost_shifts`; [0, 0] if none
     moved: NDArray[np.float32]
 
 

@@ -32,19 +32,19 @@ _MINIMUM = 1e-6
 
 
 def _fraction_hidden(
-    # [M, 1, h, w], coverage of the front before the previous layer, which may be of the same
-    # surface, and before this layer
-    before: tuple[Tensor, Tensor],
-    front: Tensor,  # [M, C + 1, h, w], the front with the visible part of the layer
+    before: tuple[Tensor, Tensor],  # [M, 1, h, w] each; both layers may be of one surface
+    front: Tensor,  # [M, C + 1, h, w]
     shown: ShownLayer | None,
     behind: ShownLayer,
     full: Tensor | float,
-    room: Tensor,  # [h, w], the share of a gap through which the lens can see
+    room: Tensor,  # [h, w]
 ) -> Tensor:
     """The share [M, 1, h, w] of the hidden part of a layer that the lens sees.
 
-    `shown`, `behind`: the visible and the hidden part of the layer; `full`: coverage of a pixel
-    that is completely covered.
+    `before`: coverage of the front before the previous layer, and before this one; `front`: with
+    the visible part of this layer added; `shown`, `behind`: the visible and the hidden part of the
+    layer; `full`: coverage of a pixel that is completely covered; `room`: the share of a gap
+    through which the lens can see.
     """
     whole = coverage = behind.layer[:, -1:].clamp(min=0)
     if shown is not None:

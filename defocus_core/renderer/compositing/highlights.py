@@ -88,7 +88,7 @@ class _Occluders:
     """Surfaces that may hide parts of lights."""
 
     def __init__(self, layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> None:
-        """Find the depth edges, and the blocks of each slice; `radii`: slice radii in px."""
+        """Find depth edges, and the blocks with pixels of each slice; `radii`: slice radii, px."""
         r = layers[0].signed_radius.detach()
         self._radii, self._size = radii, (r.shape[0], r.shape[1])
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
@@ -271,7 +271,7 @@ def draw(
 
 
 def _numbers(corner: Tensor, side: int, box: Box) -> Tensor:
-    """Indices in `box` of the pixels of squares [n, side, side]; the area of the box if outside.
+    """Indices in `box` of the pixels of squares [n, side, side]; `box.area` for pixels outside.
 
     `corner`: [n, 2], row and column of the first pixel of each square.
     """

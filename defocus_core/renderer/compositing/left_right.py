@@ -61,7 +61,7 @@ def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> di
 
 
 def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Scalar) -> Tensor:
-    """The pair whose mean is the centre, with the halves' ratio of light above `minimum`."""
+    """The pair with the mean `centre`; its excesses over `minimum` keep the halves' ratio."""
     centre = centre - minimum
     # transforms leave ±1e-8
     weights = along_first([2 * fraction, 2 - 2 * fraction], halves)

@@ -60,8 +60,8 @@ def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tu
     """A layer and its `fraction_behind`, with a gradient also where coverage is 0.
 
     Where the front leaves room, a layer whose coverage rises from 0 shows entirely, and so its
-    whole gradient counts. There the layer is returned times its share, with a share of 1; the
-    product of both does not change.
+    whole gradient counts. There the first result is the layer times its share, and the
+    second is 1, so that the product of both is the same.
     """
     fraction = fraction_behind(front, layer, full)
     if not (torch.is_grad_enabled() and layer.requires_grad):

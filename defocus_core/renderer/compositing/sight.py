@@ -173,7 +173,7 @@ def _reach_in_band(around: Tensor) -> Tensor:
 
 
 def _spread(reach: Tensor) -> Tensor:
-    """The maximum over all pixels of their reach less their distance, at each pixel [h, w]."""
+    """At each pixel [h, w], the maximum over all pixels of their reach minus their distance."""
     for step in range(math.ceil(float(reach.detach().amax())) - 1):
         beside = reach[None, None]
         if step % 2:  # squares and crosses in turn: an octagon is nearly a circle
@@ -244,7 +244,7 @@ def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
 
 @lru_cache(maxsize=256)
 def _summed_area(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
-    """The share [y, x] of a part of the pupil with coordinates below u.y and below u.x.
+    """The share [y, x] of a part of the pupil whose coordinates are less than u.y and u.x.
 
     u.y and u.x are evenly spaced from -1 to 1.
     """

@@ -269,12 +269,12 @@ def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | No
     return cat_eye.view(x, y, frame.size)
 
 
-def darkened(part: ViewTensors, cat_eye: CatEye, frame: tuple[int, int]) -> ViewTensors:
-    """A part of a picture, darkened by the vignetting at each pixel.
+def darkened(views: ViewTensors, cat_eye: CatEye, frame: tuple[int, int]) -> ViewTensors:
+    """Views of a rectangle of a picture, darkened by the vignetting at each pixel.
 
     `frame`: (height, width) of the picture in px.
     """
-    like = part.images[0]
-    y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)
+    like = views.images[0]
+    y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in views.box.sides)
     fraction = falloff(cat_eye.centre_distance(x[None, :], y[:, None], frame), cat_eye.size)
-    return part._replace(images=[image * fraction for image in part.images])
+    return views._replace(images=[image * fraction for image in views.images])

@@ -1,4 +1,4 @@
-"""Upper bound of the memory of a rendering, by its plan."""
+"""Upper bound of the memory of a rendering, computed from its plan."""
 
 from __future__ import annotations
 

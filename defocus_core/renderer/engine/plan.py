@@ -142,7 +142,7 @@ def _grid_of(
 
 
 class _Resolution(NamedTuple):
-    """How far the light of slices reaches, at the resolution at which their blur begins."""
+    """How the slices of a frame are blurred if its resolution is first halved `level` times."""
 
     level: int  # how many times the resolution of the frame is halved
     spreads: list[Spread]  # the spread of each slice, in coarse pixels of this resolution
@@ -223,7 +223,7 @@ def _reach_of(
 ) -> int:
     """The greatest reach in px of light from surfaces with radii within `limits`.
 
-    `reaches`: for each slice the reach of its light in px.
+    `reaches`: for each slice the reach of its light in px; `stride`: 2 to use every other slice.
     """
     first, last = sorted(
         (max(bisect_right(radii, limits[0]) - 1, 0), bisect_left(radii, limits[1]))

@@ -57,8 +57,8 @@ class RegionLayers(NamedTuple):
 def layers_at(place: RegionPlace, scene: InFocus, backdrop: Backdrop | None) -> RegionLayers:
     """The layers of a region of a scene.
 
-    `backdrop`: the frame at low resolution, from which hidden surfaces are continued; None if none
-    is.
+    `backdrop`: the frame at low resolution, from which hidden surfaces are continued; None to
+    continue none.
     """
     frame = place.frame
     surface = scene.surface
@@ -200,14 +200,18 @@ def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
 
 
 def continued(
-    layer: SampleLayer,  # the visible surface in the rectangle `outer`
+    layer: SampleLayer,
     backdrop: Backdrop,
     outer: Box,
     inside: Box,
     frame: SharedFrame,
-    known: tuple[Tensor, Tensor] | None = None,  # as in `without_known`, within `inside`
+    known: tuple[Tensor, Tensor] | None = None,
 ) -> tuple[SampleLayer, ...]:
-    """The layer continued behind the edges of a visible layer; empty if there is none."""
+    """The hidden layer continued behind the edges of a visible one; empty if nothing is hidden.
+
+    `outer`: where the visible layer lies in the frame; `inside`: the rectangle to continue,
+    relative to `outer`; `known`: as in `without_known`, within `inside`.
+    """
     level = frame.slices.invented.level
     hidden = hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
     if hidden is not None and known is not None:

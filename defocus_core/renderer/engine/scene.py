@@ -125,10 +125,10 @@ def element_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> L
 
 
 def _split_surface(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
-    """Colours, radii and coverage of three layers: the surface, the known one, and nearer parts.
+    """Colours, radii and coverage of three layers: surface, known layer, and a nearer surface.
 
-    The third layer is the nearer part of each mixed pixel that has the depth of the farther
-    surface. A mixed pixel that has the depth of the nearer surface belongs to it entirely where the
+    The third layer holds the nearer surface of each mixed pixel that has the depth of the farther
+    one. A mixed pixel that has the depth of the nearer surface belongs to it entirely where the
     surface behind is known.
     """
     (image, visible), (color, radius, known) = (surface.image, surface.signed_radius), hidden

@@ -43,16 +43,19 @@ def structure(half: PyramidLevel) -> PyramidLevel:
 
 
 def transported(
-    picture: Tensor,  # [C + 1, H, W] linear colour and radius in px
-    at: Tensor,  # [n, 2] rows and columns of pixels
-    border: Tensor,  # [n] px of radius, beyond which a pixel is of a farther surface
-    smooth: Tensor,  # [n, C + 1] colour and radius as continued without a direction
-    tensor: Tensor,  # [n, 3] structure tensor, continued without a direction
+    picture: Tensor,  # [C + 1, H, W]
+    at: Tensor,  # [n, 2]
+    border: Tensor,  # [n]
+    smooth: Tensor,  # [n, C + 1]
+    tensor: Tensor,  # [n, 3]
     level: int = 0,
 ) -> Tensor:
     """Colours [n, C] of hidden pixels, with visible lines continued behind nearer surfaces.
 
-    `level`: number of times that the resolution of `picture` is halved.
+    `picture`: linear colours, then radius in px; `at`: rows and columns of the hidden pixels;
+    `border`: radius in px that a farther surface exceeds; `smooth`, `tensor`: colours, radius and
+    structure tensor as continued without a direction; `level`: how many times the resolution of
+    `picture` is halved.
     """
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[-2:]
     along, coherence = _direction(tensor, color)
@@ -93,11 +96,12 @@ def _first_beyond(
     at: Tensor,  # [n, 2]
     border: Tensor,  # [n]
     along: Tensor,  # [n, 2] of length 1
-    scale: float,  # pixels of the picture in one px
+    scale: float,
 ) -> tuple[Tensor, Tensor]:
     """The first pixel in a direction whose radius exceeds the border, and its distance.
 
-    Returns flat indices [n] in r, and distances [n] in px, infinite where there is no such pixel.
+    `scale`: pixels of the picture per px of full resolution. Returns flat indices [n] in r, and
+    distances [n] in px, infinite where there is no such pixel.
     """
     H, W = size
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels

@@ -78,8 +78,8 @@ class Reach(NamedTuple):
         """The surface that may show behind each coarse pixel.
 
         `near`: [height, width] px, radii of the surface in front; `coarse`: the box of the coarse
-        pixels; `middle`: the middle of the frame among them; `level`: 1 for half resolution, 0 for
-        full resolution.
+        pixels; `middle`: the middle of the frame, as an index of coarse pixels; `level`: 1 for half
+        resolution, 0 for full resolution.
         """
         cone, far = self._read(self.farthest, coarse, middle, level)
         # two pixels of neighbouring coarse pixels may be a px apart, and not two

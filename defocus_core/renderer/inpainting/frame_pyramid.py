@@ -51,16 +51,17 @@ def backdrop_of(
     pixels: Tensor,  # [C, H, W] linear
     signed_radius: Tensor,  # [H, W] px
     limit: float = math.inf,
-    dtype: torch.dtype | None = None,  # type to compute in; None for the type of the pixels
-    limits: tuple[float, float] | None = None,  # least and greatest radius in px; None to find them
+    dtype: torch.dtype | None = None,
+    limits: tuple[float, float] | None = None,
     *,
     unmixes: bool = True,
-    matte: Tensor | None = None,  # [H, W], the coverage of a subject; None if it is not known
+    matte: Tensor | None = None,  # [H, W]
 ) -> Backdrop:
     """The pyramid of a frame, the reach of its edges, and its mixed pixels.
 
-    `limit`: brightness above which a pixel is a highlight, which is not continued; `unmixes`:
-    whether mixed pixels are split into two surfaces.
+    `limit`: brightness above which a pixel is a highlight, which is not continued; `dtype`: to
+    compute in, None for that of the pixels; `limits`: least and greatest radius in px, None to find
+    them; `unmixes`: whether mixed pixels are split into two surfaces.
     """
     H, W = signed_radius.shape[-2:]
     dtype = dtype or pixels.dtype
@@ -89,7 +90,7 @@ def _half(
     middle: tuple[Axis, Axis],
     mixed: MixedPixels,
 ) -> PyramidLevel:
-    """The level of half resolution, without highlights and nearer parts of mixed pixels."""
+    """The level of half resolution, without highlights and nearer surfaces of mixed pixels."""
     own, *nearer = layers_of(pixels, signed_radius, mixed)
     weight = exceeding(own.color.detach().amax(0), limit).logical_not_().to(signed_radius.dtype)
     for layer in nearer:

@@ -31,7 +31,7 @@ _Axes = tuple[Axis, Axis]
 
 
 class CoarseGrid(NamedTuple):
-    """The coarse pixels of a part of a frame: its pixels or, at half resolution, two by two."""
+    """The coarse pixels of a rectangle of a frame: single px, or 2 x 2 px at half resolution."""
 
     middle: _Axes  # where the middle of the frame is among coarse pixels
     fine: _Axes  # where the middle of the frame is among pixels
@@ -39,7 +39,7 @@ class CoarseGrid(NamedTuple):
 
     @classmethod
     def from_size(cls, size: tuple[int, int], fine: _Axes, level: int) -> CoarseGrid:
-        """The coarse pixels of a part of a frame that has `size` (height, width) in px."""
+        """The coarse pixels of a rectangle that has `size` (height, width) in px."""
         if not level:
             return cls(fine, fine, 0)
         down, across = (halves(n, axis) for n, axis in zip(size, fine, strict=True))

@@ -3,7 +3,7 @@
 A coarse pixel on a depth edge holds two surfaces. Their mean is neither, and hidden content is
 continued from the farther one only. So each coarse pixel keeps two surfaces, each the mean of
 pixels of similar radii. From the second halving on, coarse pixels overlap (Burt 1981), so that
-their values hardly depend on where an edge lies among them.
+their values change little if an edge is moved by a pixel.
 
 A hidden pixel gets the weighted mean of the surfaces around it at a fine level. If their weights
 sum to less than is enough, the next coarser level adds the rest, and so on: push-pull (Gortler et
@@ -30,7 +30,7 @@ _COPIES = 4
 
 
 class PyramidLevel(NamedTuple):
-    """Two surfaces in each coarse pixel of a picture, or of a part of one.
+    """Two surfaces in each coarse pixel of a frame, or of a rectangle of it.
 
     Each is [K + 3, h, w]: K values, 0 where there is no surface; its weight, the share in [0, 1] of
     the coarse pixel that it covers; and its least and greatest radius in px, infinite where there
@@ -96,7 +96,7 @@ def coarser(level: PyramidLevel) -> PyramidLevel:
 def _held(
     values: Tensor, axes: Sequence[AxisHalving], beyond: float, *, overlapping: bool
 ) -> tuple[Tensor, list[list[float]]]:
-    """The pixels [..., h, w, down, across] that share in each coarse pixel; their shares.
+    """The pixels [..., h, w, down, across] of each coarse pixel; their shares along both axes.
 
     `beyond`: value of pixels beyond those of `values` [..., H, W].
     """
@@ -199,9 +199,9 @@ class SurfaceTable(NamedTuple):
 def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tuple[Tensor, Tensor]:
     """The mean of the surfaces around each pixel at each level, weighted by distance.
 
-    Only surfaces whose radius lies between the pixel's border and ceiling count. `around`: px from
-    the pixel to two places on both sides, in rows and in columns, which are averaged. Returns
-    [L, n, K] values times weights, and [L, n] weights.
+    Only surfaces whose radius lies between the pixel's border and ceiling count. `around`: px in
+    rows and in columns from the pixel to the four points that are averaged, or 0. Returns [L, n, K]
+    values times weights, and [L, n] weights.
     """
     count = pieces(asked.at.device, _BYTES_OF_QUERY * len(table.origin))
     if len(asked.at) <= count:

@@ -1,7 +1,7 @@
 """Layers: samples of one surface per pixel, visible or hidden.
 
-The layers of a picture are the surface at the depth of each pixel, then parts of nearer surfaces in
-the same pixels. The layers of a layered scene are its samples, from near to far.
+The layers of a picture are the surface at the depth of each pixel, then the nearer surfaces that
+cover a share of a pixel. The layers of a layered scene are its samples, from near to far.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ KnownLayer = tuple[Tensor, Tensor, Tensor]
 
 
 def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[SampleLayer, ...]:
-    """The layers of a picture: the surface at each pixel's depth, then parts of nearer surfaces.
+    """The layers of a picture: the surface at each pixel's depth, then nearer ones in mixed pixels.
 
     `image`: [C, ..., H, W]; `signed_radius`: [..., H, W] px.
     """

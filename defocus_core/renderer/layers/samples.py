@@ -120,7 +120,7 @@ class Layered(NamedTuple):
         return in_bands(lambda box: function(box).to(self.dtype), size, device)
 
     def radii(self, box: Box) -> tuple[Tensor, Tensor]:
-        """Radii and coverage [L, h, w] in a box; the farthest radius where coverage is 0."""
+        """Radii, or the greatest of the scene where coverage is 0, and coverage: [L, h, w] each."""
         radius, coverage = (box.crop(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
         return torch.where(coverage > 0, radius, self.limits[1]), coverage
 
@@ -171,9 +171,10 @@ class SampleStack(NamedTuple):
         return self.opaque().amin(0).clamp(max=farthest)
 
     def known_behind(self, box: Box) -> tuple[Tensor, Tensor] | None:
-        """Where the samples behind the nearest one are opaque together, and the farthest radius.
+        """Where the samples behind the nearest one are opaque together, and their greatest radius.
 
-        Both are [h, w], in a box; None if no pixel has a sample behind the nearest one.
+        Both are [h, w], in a box; where there is no such sample, the radius is the greatest of the
+        scene. None if no pixel has a sample behind the nearest one.
         """
         if len(self.color) == 1:
             return None

@@ -48,8 +48,8 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
     """The slice radii in px, ascending, for radii from `minimum` to `maximum` px.
 
     The first and the last slice are an even number of slices away from focus, and there are at
-    least three, so that every other slice is a set of slices, too. The radius of a plane is a slice
-    radius.
+    least three, so that every other slice is a set of slices, too. For a plane there are three: its
+    radius, as in `plane_of`, and one on each side.
     """
     if (plane := plane_of(minimum, maximum)) is not None:
         step = max(quality.near_spacing, quality.far_spacing * abs(plane))
@@ -120,7 +120,7 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
 
 
 def _has_sharp(radii: tuple[float, ...]) -> bool:
-    """Whether radii up to SHARP px count as in focus: if other slices are far from it."""
+    """Whether radii up to SHARP px count as in focus: other slices are at least 2 SOFT away."""
     return 0.0 in radii and all(abs(r) >= 2 * SOFT for r in radii if r)
 
 
@@ -128,7 +128,10 @@ def _has_sharp(radii: tuple[float, ...]) -> bool:
 def _shares(
     radii: tuple[float, ...], dtype: torch.dtype, device: torch.device
 ) -> tuple[Tensor, ...]:
-    """For each interval its end, and a, b, c: radii r have a share a r |r| + b r + c beyond it."""
+    """The ends of the intervals between slice radii, and three coefficients a, b, c of each.
+
+    A radius r in an interval has the share a r |r| + b r + c in the slice at the interval's end.
+    """
     rows = []
     for low, high in pairwise(radii):
         square, width = high * abs(high) - low * abs(low), high - low

@@ -1,8 +1,8 @@
 """A sliced surface: the slices that each tile needs, and where slices have pixels.
 
-Slices are located by blocks of 16 px. Where all pixels of a block have one slope, every slice has
-this slope, and the kernel is tilted instead of the pixels; otherwise no slice has a slope there.
-The edge of the frame is continued beyond it.
+Slices are located by blocks of 16 px. A slice is a plane if all blocks that hold its pixels have
+one slope; then its kernel is tilted. Otherwise its pixels times their slopes are blurred, too. The
+edge of the frame is continued beyond it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from defocus_core.tensors.pyramid import Axis, averaged
 
 
 def _margins(box: Box, around: Box) -> tuple[list[int], list[int]]:
-    """Px from a box to a larger one: to the left and right of it, and above and below it."""
+    """Px between a box and a larger one around it: [left, right] and [above, below]."""
     down, across = (
         [side.first - outer.first, outer.end - side.end]
         for side, outer in zip(box.sides, around.sides, strict=True)
@@ -35,7 +35,7 @@ def _margins(box: Box, around: Box) -> tuple[list[int], list[int]]:
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
     """Slopes [2, H, W], x and y, padded to `box`.
 
-    They are repeated along the edges of the picture, and are 0 across the edges.
+    Beyond an edge, the slope along the edge is repeated from it, and the slope across it is 0.
     """
     across, down = _margins(Box(0, 0, *slopes.shape[-2:]), box)
     x = pad(pad(slopes[:1], [0, 0, *down], mode="replicate"), across)
@@ -182,7 +182,7 @@ class SurfaceSamples(NamedTuple):
 
 
 class _FramedLayer(NamedTuple):
-    """A layer padded to the size of a frame: edges are repeated beside it, and the rest is 0."""
+    """A layer with edges repeated up to `SurfaceSamples.around`, and padded with 0 beyond it."""
 
     light: Tensor  # [C + 1, ..., H, W], premultiplied by coverage, then coverage
     positions: Tensor  # [..., H, W] positions between slice radii
@@ -204,10 +204,14 @@ class SlicedSurface:
         radii: tuple[float, ...],  # signed radius of each slice, in px
         reaches: list[int],  # blur radius of each slice, in px
         grid: Grid,
-        before: int,  # greatest distance in px from the first row or column of a window to its tile
-        beyond: int,  # greatest distance in px from the first row of a tile to the end of a window
+        before: int,
+        beyond: int,
     ) -> None:
-        """Plan the slices of a surface."""
+        """Plan the slices of a surface.
+
+        `before`: greatest distance in px from the first row or column of a window to its tile;
+        `beyond`: the same from the first row or column of a tile to the end of its window.
+        """
         radius = samples.layers[0].signed_radius
         size = radius.shape[-2], radius.shape[-1]
         around = samples.around or Box(0, 0, *size)

@@ -38,8 +38,8 @@ AROUND = HALF_WIDTH + 1
 def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
     """The gradient ∇r of radii in px per px, x then y: [2, ..., H, W], at most 1 long.
 
-    At a depth edge it is the slope of the pixel's own surface, to 0.01. Where a slope is longer
-    than 1, some lens points see the back of the surface.
+    At a depth edge it is the slope of the pixel's own surface, to 0.01. Longer slopes, at which
+    some lens points see the back of the surface, are shortened to 1.
 
     `signed_radius`: [..., H, W] px; `minimum`: slopes up to this count as 0. Returns None if all
     slopes are 0.
@@ -116,8 +116,8 @@ class Shifts:
     ) -> None:
         """Keep the colours and radii of a surface, and the shifts of its slices.
 
-        `inner`: a rectangle of the surface; `color_change` is asked for boxes relative to its
-        corner.
+        `inner`: a rectangle of the surface, to whose upper left corner boxes given to
+        `color_change` are relative.
         """
         self._color, self._radius = color, signed_radius
         self._positions = slice_position(signed_radius, radii)
