@@ -61,8 +61,8 @@ def command(
     pictures, of 8 focus distances and 5 strengths of blur, and shows the nearest one; it needs no
     other file and no network.
 
-    Without a lens, depth has no unit, as for 'render': the whole surface in focus is sharp, and a
-    button swaps near and far.
+    Without lens options, depth must be relative (without a unit), as for 'render'. Then the whole
+    surface in focus is sharp, and a button swaps near and far.
 
     \b
     Examples:

@@ -95,9 +95,9 @@ def command(
 ) -> None:
     """Find the lens that blurs SHARP to BLURRED: its focus and its f-number.
 
-    SHARP and BLURRED show the same scene, and DEPTH is its depth. The magnification of BLURRED
-    relative to SHARP is found, too, up to 2 %. Pixels that are clipped, or hidden in SHARP, do not
-    count.
+    SHARP and BLURRED show the same scene, and DEPTH is its depth. The change of magnification
+    from SHARP to BLURRED is found, too, up to 2 %. Pixels that are clipped, or hidden in SHARP, do
+    not count.
 
     Depth of unknown scale and offset, as networks estimate it, is enough: give any --depth-range,
     and give the same one when you render with the lens file. The radii of the blur are then right,

@@ -29,7 +29,7 @@ def with_shot(
     Args:
         jobs: The jobs, in any order.
         every: All existing frames of the shot, ascending; empty without a shot.
-        lens_of: Function that gives the lens of a frame for the suffix of a lens.
+        lens_of: Function of a frame and the suffix of a lens; gives this lens for the frame.
         options: Options of the table ``[shot]``.
         moving: Whether keyframes move the pixel in focus, so that the focus is not shared.
     """

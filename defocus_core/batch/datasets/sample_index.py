@@ -3,14 +3,13 @@
 The index is written for `datasets` of Hugging Face, which can load a folder of images. Its first
 key is ``file_name``, the rendered picture, which becomes the column image; every other picture of a
 type that `datasets` decodes is ``<kind>_file_name``. If a batch also copies its input pictures,
-their kind is image, too; then the first key is ``<kind>_file_name`` as well. A key has the same
-type in all lines, or null, so that the index can be read as a table. It does not contain the time
-or the path of OUT.
+whose kind is named image, the first key is ``<kind>_file_name``, too. A key has the same type in
+all lines, or null, so that the index can be read as a table. The index does not contain the time or
+the path of OUT.
 
-Each split also has a list of its samples, ``OUT/<split>set.jsonl``, from which `datasets` loads it;
-README.md names these lists. If a column were null in all lines of one split, its type would differ
-between splits. Lists and tar files therefore have only the columns that have a value in every
-sample.
+`datasets` loads a split from a list of its samples, ``OUT/<split>set.jsonl``; README.md names these
+lists. If a column were null in all lines of one split, its type would differ between splits. Lists
+and tar files therefore have only the columns that have a value in every sample.
 """
 
 from __future__ import annotations
