@@ -232,7 +232,7 @@ def compare_images(
 ) -> Comparison:
     """Compare a picture with a reference, and find the cause of differences.
 
-    Without rules to fail all values must be equal. Another size or channel, and NaN or infinity on
+    Without rules in `fail`, all values must be equal. Another size or channel, and NaN or infinity on
     one side only, are never the same.
 
     Args:
@@ -242,7 +242,7 @@ def compare_images(
         fail: Rules like ``psnr<45``: b fails if it meets one.
         warn: Rules that only give a warning.
         over: The difference above which the metric ``share`` counts a pixel.
-        region: x, y, width and height in px of the part to compare.
+        region: x, y, width and height in px of the rectangle to compare.
         mask: A file that is not 0 where pixels are compared.
         flip: Whether to measure FLIP, with ``defocus[flip]``.
         metadata: Whether differing metadata fails, too.
@@ -253,7 +253,7 @@ def compare_images(
     Returns:
         The record: ``status`` (same, warning or different), ``passes``, ``metrics`` by name (max,
         psnr, …), ``findings`` (causes, each with ``name``, ``text`` and ``values``), the ``worst``
-        pixel, the ``window`` of all that differ, and more.
+        pixel, the ``window`` of all pixels that differ, and more.
 
     Raises:
         InputError: A file cannot be read, or the mask is of another size.
