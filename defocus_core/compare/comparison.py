@@ -232,8 +232,8 @@ def compare_images(
 ) -> Comparison:
     """Compare a picture with a reference, and find the cause of differences.
 
-    Without rules in `fail`, all values must be equal. Another size or channel, and NaN or infinity on
-    one side only, are never the same.
+    Without rules in `fail`, all values must be equal. Another size or channel, and NaN or infinity
+    on one side only, are never the same.
 
     Args:
         a: The reference: a file of colour or of a map; an array [H, W] or [H, W, C], linear; or a
