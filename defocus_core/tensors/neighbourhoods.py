@@ -89,7 +89,7 @@ HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
-    """The threshold between each near and far radius, just below the mean, which counts as far."""
+    """The threshold between near and far radii, just below the mean, so that it counts as far."""
     return near + (far - near) * HALFWAY
 
 

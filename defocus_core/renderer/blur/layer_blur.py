@@ -26,7 +26,7 @@ CORNERS = 4
 def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
     """One layer [m, C + 1, h, w], interpolated bilinearly between four blurred versions.
 
-    `layer`: [4 m, C + 1, h, w], each of m parts as blurred at the four corners of `region`; `box`:
+    `layer`: [4 m, C + 1, h, w], each of m parts, blurred as at each corner of `region`; `box`:
     where the layer lies.
     """
     down, across = (
@@ -57,8 +57,8 @@ class Reduced:
         """Blur the slices of a layer.
 
         `slices`: for each slice of the surface, its number in `window`; `tilted`: the slices with
-        tilted surfaces; `groups`: parts that are computed at once; `core`: the region; `middle`:
-        the middle of the frame.
+        tilted surfaces; `groups`: ranges of parts, each computed at once; `core`: the region;
+        `middle`: the middle of the frame.
         """
         self._level, margin = window.level, window.margin
         # coarse pixels are counted from the middle
@@ -124,8 +124,8 @@ class Blur:
     ) -> None:
         """Plan the blur of a surface for all tiles, and blur its layers of reduced resolution.
 
-        `groups`: parts that are computed at once; `middle`: the middle of the frame; `by_corners`:
-        whether the pupil differs between the corners of the region.
+        `groups`: ranges of parts, each computed at once; `middle`: the middle of the frame;
+        `by_corners`: whether the pupil differs between the corners of the region.
         """
         self._by_corners, self._stride, self._grid = by_corners, slicing.stride, grid
         each = CORNERS if by_corners else 1  # each part as the corners see it

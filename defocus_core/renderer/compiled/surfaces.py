@@ -54,8 +54,8 @@ def surfaces_of(light, radius, table, level, minimum, lost):
     """`SlotSurfaces` of light [n, H, 4 W] and radii [n, H, W].
 
     table: see `_find_slots`; level: the level of resolution of the pixels; minimum: slope below
-    which surfaces count as level; lost: [2, n] of `lost_shifts`, which are corrected, or [2, 0] for
-    none.
+    which surfaces count as level; lost: [2, n] of `lost_shifts`, which are restored, or [2, 0] to
+    restore none.
     """
     slot = np.empty(radius.shape, np.int16)
     _find_slots(light, radius, table, level, slot)

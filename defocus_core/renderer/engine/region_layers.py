@@ -171,7 +171,7 @@ def fractions_seen(
 def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Tensor:
     """The discs [M, C, h, w] of highlights through each part, clipped by nearer surfaces.
 
-    The coverage of a light in its layer already excludes the parts hidden by other layers.
+    The coverage of a highlight in its layer already excludes what other layers hide of it.
     """
     radii, (aperture, parts, *_) = place.frame.radii, place.frame.division
     before = seen.layers_of(SOLID) or seen.layers_of(VISIBLE)
@@ -180,7 +180,7 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
 
 
 def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
-    """The backdrop from which hidden surfaces are continued; None if none is continued."""
+    """The backdrop from which hidden surfaces are continued; None if no surface is continued."""
     content, (surface, layered, _) = frame.content, scene
     if not content.edges or (layered is not None and not layered.is_continued):
         return None
