@@ -106,7 +106,7 @@ def _pictures(folder: Path) -> dict[str, Path]:
 
 
 def partners(path: Path) -> Iterator[tuple[str, Path]]:
-    """The files beside A of which B may be a copy, as (name of the finding, file).
+    """Files near A that B may show by mistake instead of A, as (name of the finding, file).
 
     They are the other view, other pictures of the sample, and the frames before and after.
     """
@@ -275,7 +275,7 @@ def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
 
 
 def chosen_pairs(pairs: list[FilePair], only: Sequence[str]) -> list[FilePair]:
-    """The pairs whose names match one of the patterns; all pairs without patterns."""
+    """The pairs whose names match one of the patterns; if there are no patterns, all pairs."""
     for pattern in only:
         if not any(matches(pair.name, pattern) for pair in pairs):
             names = [pair.name for pair in pairs]

@@ -97,7 +97,7 @@ def anti_aliased(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArra
 
 
 def _is_flat(planes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
-    """Pixels [H, W] of which at least three neighbours have the same values."""
+    """Pixels [H, W] that have the same values as at least three of their eight neighbours."""
     count = np.zeros(planes[0].shape, np.int8)
     for beside in zip(*map(_neighbours, planes), strict=True):
         near = zip(beside, planes, strict=True)

@@ -375,8 +375,8 @@ def _edge_positions(
 def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
     """The pixels [H, W], bool, beside which the radius is greater by more than `step` px.
 
-    If a scale is given, the distance in px must be greater by more than a step, too. Pixels of much
-    smaller steps than others nearby are left out.
+    If a scale is given, the distance of the surface, converted to px by it, must also be greater by
+    more than `step`. Pixels with a much smaller jump than others nearby are left out.
     """
     height = torch.zeros_like(radii)
     for dim in (-2, -1):

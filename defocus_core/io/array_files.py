@@ -58,10 +58,10 @@ def array_of(values: Any) -> NDArray[Any]:
         held = values.detach().cpu().numpy() if hasattr(values, "detach") else values
         array: NDArray[Any] = np.asanyarray(held)
     except (TypeError, RuntimeError) as error:  # a tensor of a type or layout that NumPy lacks
-        raise ValueError(f"pictures are arrays of numbers: {reason(error)}") from None
+        raise ValueError(f"pictures must be arrays of numbers: {reason(error)}") from None
     if array.dtype.kind not in "uifb" or np.ma.is_masked(array):
         got = "masked ones; fill them" if array.dtype.kind in "uifb" else array.dtype
-        raise ValueError(f"pictures are arrays of numbers, got {got}")
+        raise ValueError(f"pictures must be arrays of numbers, got {got}")
     return array
 
 

@@ -163,7 +163,7 @@ class Shot:
 
     @property
     def pictures(self) -> dict[int, PictureFiles]:
-        """The files of the frames in `sample`, by frame number."""
+        """The files of the deciding frames, `sample`, by frame number."""
         pictures = (each.picture for each in self.sample)
         return {int(p.frame): p for p in pictures if p.frame is not None}
 

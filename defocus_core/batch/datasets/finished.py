@@ -74,7 +74,7 @@ class SampleList:
         return len(self._offsets)
 
     def __getitem__(self, index: int) -> Sample:
-        """Read a sample; refuses an index that was written again since the list was made."""
+        """Read a sample; an error if the file of the index was written again since this list."""
         offset = self._offsets[index]
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:

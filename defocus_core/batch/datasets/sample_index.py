@@ -2,10 +2,10 @@
 
 The index is written for `datasets` of Hugging Face, which can load a folder of images. Its first
 key is ``file_name``, the rendered picture, which becomes the column image; every other picture of a
-type that `datasets` decodes is ``<kind>_file_name``. If a batch also copies its input pictures,
-whose kind is named image, the first key is ``<kind>_file_name``, too. A key has the same type in
-all lines, or null, so that the index can be read as a table. The index does not contain the time or
-the path of OUT.
+type that `datasets` decodes is ``<kind>_file_name``. In a batch that also copies input pictures, of
+the kind image, two columns would be named image: there, no key is ``file_name``, and the first one
+is ``<kind>_file_name``. A key has the same type in all lines, or null, so that the index can be
+read as a table. The index does not contain the time or the path of OUT.
 
 `datasets` loads a split from a list of its samples, ``OUT/<split>set.jsonl``; README.md names these
 lists. If a column were null in all lines of one split, its type would differ between splits. Lists

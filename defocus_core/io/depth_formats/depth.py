@@ -99,7 +99,7 @@ class Depth:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the picture shown, in px."""
+        """(width, height) in px without overscan."""
         rows, columns = self.overscan.shown(*self.metres.shape)
         return columns.stop - columns.start, rows.stop - rows.start
 

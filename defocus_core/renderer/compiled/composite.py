@@ -86,7 +86,8 @@ def set_aside(front, covered, before, aside):
 
     covered: [W] coverage by visible layers nearer than focus; before: [W] coverage of the row
     before hidden layers nearer than focus were added; aside: [6, W], the five channels of the row,
-    then the coverage with which the new row begins.
+    then the coverage with which the new row begins: that by other layers, or 1 where those nearer
+    than focus leave no room.
     """
     for x in range(front.shape[1]):
         near = covered[x] + front[3, x] - before[x]

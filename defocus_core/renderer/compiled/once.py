@@ -1,4 +1,4 @@
-"""Compilation of all functions when they are first used on a machine."""
+"""Compilation of all functions at once, when any of them is first used on a machine."""
 
 from __future__ import annotations
 

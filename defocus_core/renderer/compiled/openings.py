@@ -155,7 +155,9 @@ LOST = 2.25
 
 @lru_cache(maxsize=8)
 def lost_shifts(outline: Outline, reach: int) -> NDArray[np.float32]:
-    """Shifts in px of the left half that sampling loses: [2, n], nearer than and beyond focus.
+    """How many px of its shift the disc of the left half loses by sampling: [2, n] of two sides.
+
+    The sides are radii nearer than focus, then beyond it.
 
     n counts radii of 0, 1 / STEPS, ... px. Only shifts of less than a pixel, near focus, are lost.
     reach: radius in px up to which the opening is drawn, at least 4.

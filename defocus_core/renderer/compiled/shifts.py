@@ -1,7 +1,7 @@
-"""Whether edges of depth may be displaced from edges of colour, by compiled loops.
+"""A quick test whether edges of depth could be displaced from edges of colour.
 
-Some of the profiles across silhouettes are examined as in `depth/displacement.py`, with the same
-constants. If their median displacement is about 0, no edge counts as displaced.
+Compiled loops examine some profiles across silhouettes, as `depth/displacement.py` does, with the
+same constants. If their median displacement is about 0, no edge counts as displaced.
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ _SAME_SLOPE = 1.5e-5
 
 
 class Planes:
-    """The slopes of slices that are planes, found by blocks of 16 px.
+    """The slopes of slices, looked up by blocks of 16 px; a slice has one if it is a plane there.
 
     Attributes:
         tilted: [rows, columns] bool, the blocks that hold a slope other than 0, on the CPU.
