@@ -17,7 +17,7 @@ from defocus_core.depth.repair import repair_depth
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import in_bands
 from defocus_core.tensors.neighbourhoods import halfway
-from defocus_core.tensors.pyramid import coarse_neighbours
+from defocus_core.tensors.pyramid import coarse_neighbours, linear
 from defocus_core.tensors.validation import described
 
 # Range of radii in px for which the depth is repaired.
@@ -54,11 +54,10 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
     coarse = (disparity * scale).to(depth.dtype)  # in focus at infinity
     soft = diagnosed(coarse, 0.0, 1).soft_edges is not None
     step = least_step(coarse, None)
-    smooth = torch.nn.functional.interpolate(coarse[None, None], size, mode="bilinear")[0, 0]
 
     def enlarged(box: Box) -> Tensor:
         rows, columns = ((first, end) for first, end in box.sides)
-        radii = box.crop(smooth)
+        radii = linear(coarse, rows, columns, size)
         return radii if soft else _snapped(radii, coarse, rows, columns, size, step)
 
     radius = in_bands(enlarged, size, depth.device, threads=threads)
@@ -89,7 +88,7 @@ def _snapped(
     """
     nearest = farthest = coarse
     for dim, (first, end) in enumerate((rows, columns)):
-        before, after = coarse_neighbours(coarse, dim, first, end, size[dim])
+        before, after, _ = coarse_neighbours(coarse, dim, first, end, size[dim])
         nearest, farthest = (
             choice(values.index_select(dim, before), values.index_select(dim, after))
             for values, choice in ((nearest, torch.minimum), (farthest, torch.maximum))

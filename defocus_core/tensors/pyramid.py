@@ -148,15 +148,30 @@ def _cubic(away: Tensor) -> Tensor:
     return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
 
 
+def linear(
+    coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
+) -> Tensor:
+    """Coarse pixels [h, w], interpolated linearly at rows and columns of a picture of `size`.
+
+    `rows`, `columns`: (first, end); only this window of the picture is computed.
+    """
+    values = coarse
+    for dim, (first, end) in enumerate((rows, columns)):
+        before, after, fraction = coarse_neighbours(coarse, dim, first, end, size[dim])
+        low, high = values.index_select(dim, before), values.index_select(dim, after)
+        values = low + fraction.unsqueeze(1 - dim) * (high - low)
+    return values
+
+
 def coarse_neighbours(
     coarse: Tensor, dim: int, first: int, end: int, length: int
-) -> tuple[Tensor, Tensor]:
-    """Indices of the coarse pixels before and after each pixel."""
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Indices of the coarse pixels before and after each pixel, and the weight of the one after."""
     count = coarse.shape[dim]
     position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5
     position = (position * count / length - 0.5).clamp(0, count - 1)
     before = position.long().clamp(max=max(count - 2, 0))
-    return before, (before + 1).clamp(max=count - 1)
+    return before, (before + 1).clamp(max=count - 1), position - before
 
 
 def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:
